@@ -1,0 +1,1 @@
+"""What a mechanism can do: kinematics at a pose, workspace and dexterity over many."""

@@ -1,0 +1,378 @@
+"""Inverse and forward kinematics and the Jacobian at one pose, as results with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pmopt.analysis.workspace import index_note
+from pmopt.errors import InputError, UnreachableError
+from pmopt.mechanisms.base import (
+    Coordinate,
+    ForwardSolution,
+    InverseSolution,
+    JacobianKind,
+    Matrix,
+    Mechanism,
+    Parameters,
+    Ranges,
+    Vector,
+    within,
+)
+from pmopt.units import ONE, unit_of
+
+#: A pose nearer than this to a singularity (distance over the size of the mechanism, or
+#: normalised determinant) is one: rounding in the pose leaves no more.
+SINGULAR = 1e-9
+
+
+@dataclass(frozen=True)
+class InverseResult:
+    """All asked-for branches of the inverse kinematics at a pose."""
+
+    mechanism: str
+    pose: dict[str, float]
+    solutions: tuple[InverseSolution, ...]
+    within_limits: tuple[bool, ...]
+    units: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "mechanism": self.mechanism,
+            "pose": self.pose,
+            "solutions": [
+                {
+                    "working_mode": s.working_mode,
+                    "joints": s.joints,
+                    "parasitic": s.parasitic,
+                    "within_limits": inside,
+                }
+                for s, inside in zip(self.solutions, self.within_limits, strict=True)
+            ],
+            "units": self.units,
+        }
+
+
+@dataclass(frozen=True)
+class ForwardResult:
+    """All assembly modes for a set of joint positions."""
+
+    mechanism: str
+    joints: dict[str, float]
+    solutions: tuple[ForwardSolution, ...]
+    units: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "mechanism": self.mechanism,
+            "joints": self.joints,
+            "solutions": [
+                {"pose": s.pose, "parasitic": s.parasitic, "residual": s.residual}
+                for s in self.solutions
+            ],
+            "units": self.units,
+        }
+
+
+@dataclass(frozen=True)
+class JacobianResult:
+    """Velocity maps and conditioning at a pose in one working mode.
+
+    ``inverse_distance`` is the distance to the inverse (type I) singularity by limb, in the
+    length unit; ``inverse_measure`` and ``forward_measure`` are normalised determinants, 0 at an
+    inverse (type I) or forward (type II) singularity.
+    """
+
+    mechanism: str
+    params: dict[str, float | None]
+    pose: dict[str, float]
+    working_mode: str
+    joints: dict[str, float]
+    j_x: Matrix
+    j_q: Matrix
+    jacobian: Matrix | None
+    singular_values: Vector | None
+    kind: JacobianKind
+    norm: str
+    lci_raw: float
+    lci_homogenized: float
+    characteristic_length: float
+    inverse_distance: dict[str, float]
+    inverse_measure: dict[str, float]
+    forward_measure: dict[str, float]
+    singular: tuple[str, ...]
+    units: dict[str, str]
+
+    @property
+    def lci(self) -> float:
+        """The index of the Jacobian asked for."""
+        return self.lci_raw if self.kind == "raw" else self.lci_homogenized
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        values = self.singular_values
+        unit = self.units["characteristic_length"]
+        length = self.characteristic_length
+        return {
+            "mechanism": self.mechanism,
+            "params": self.params,
+            "pose": self.pose,
+            "working_mode": self.working_mode,
+            "joints": self.joints,
+            "J_X": self.j_x.tolist(),
+            "J_q": self.j_q.tolist(),
+            "J": None if self.jacobian is None else self.jacobian.tolist(),
+            "singular_values": None if values is None else values.tolist(),
+            "lci": self.lci,
+            "lci_raw": self.lci_raw,
+            "lci_homogenized": self.lci_homogenized,
+            "jacobian": self.kind,
+            "norm": self.norm,
+            "characteristic_length": self.characteristic_length,
+            "index_note": index_note(self.kind, length if self.kind != "raw" else None, unit),
+            "singularity": {
+                "type_1": {"distance": self.inverse_distance, "determinant": self.inverse_measure},
+                "type_2": {"determinant": self.forward_measure},
+                "singular": list(self.singular),
+            },
+            "units": self.units,
+        }
+
+
+def _units(mechanism: Mechanism) -> dict[str, str]:
+    return {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
+
+
+def _require_reach(
+    mechanism: Mechanism, parameters: Parameters, pose: Mapping[str, float], where: str
+) -> None:
+    """Raise the error that names each limb that can not reach the pose and by how much."""
+    unit = unit_of("length", mechanism.length_unit)
+    misses = [
+        f"{r.limb} misses by {-r.distance:.6g} {unit} ({r.reason})"
+        for r in mechanism.reach(parameters, pose)
+        if r.distance < 0
+    ]
+    shown = ",".join(f"{name}={value!r}" for name, value in pose.items())
+    raise UnreachableError(f"{where}: {shown} is out of reach: {'; '.join(misses)}")
+
+
+def inverse_kinematics(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None,
+    pose: Mapping[str, Any],
+    working_mode: str = "all",
+    limits: Mapping[str, Any] | None = None,
+    where: str = "pose",
+) -> InverseResult:
+    """Solve the inverse kinematics at a pose.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    params : mapping or None
+        Design parameters; those left out take their defaults.
+    pose : mapping
+        Every pose coordinate, in the mechanism's length unit and rad.
+    working_mode : str
+        One of the mechanism's, or ``"all"``.
+    limits : mapping, optional
+        Joint limits ``{joint: (lower, upper)}`` that ``within_limits`` is told by, beside the
+        mechanism's own.
+    where : str
+        What errors call the pose.
+
+    Raises
+    ------
+    UnreachableError
+        Naming the limb and by how much the pose is out of its reach.
+    InputError
+        For unknown names and values that are no finite numbers.
+    """
+    parameters = mechanism.resolve(params or {})
+    checked = mechanism.check_coordinates(pose, mechanism.pose, where)
+    ranges = mechanism.check_ranges(limits or {}, mechanism.joints, "limits")
+    if working_mode != "all":
+        mechanism.check_mode(working_mode)
+    solutions = mechanism.inverse(parameters, checked)
+    if not solutions:
+        _require_reach(mechanism, parameters, checked, where)
+    chosen = tuple(s for s in solutions if working_mode in ("all", s.working_mode))
+    return InverseResult(
+        mechanism.name,
+        checked,
+        chosen,
+        tuple(_within_limits(mechanism, parameters, checked, s.joints, ranges) for s in chosen),
+        _units(mechanism),
+    )
+
+
+def _within_limits(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    pose: Mapping[str, float],
+    joints: Mapping[str, float],
+    ranges: Ranges,
+) -> bool:
+    return mechanism.admits(parameters, pose) and all(
+        within(joints[c.name], ranges[c.name], c.kind)
+        for c in mechanism.joints
+        if c.name in ranges
+    )
+
+
+def forward_kinematics(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None,
+    joints: Mapping[str, Any],
+    where: str = "joints",
+) -> ForwardResult:
+    """Solve the forward kinematics: all assembly modes.
+
+    Raises
+    ------
+    UnreachableError
+        Where the mechanism can not be assembled with these joint positions.
+    InputError
+        For unknown names and values that are no finite numbers.
+    """
+    parameters = mechanism.resolve(params or {})
+    checked = mechanism.check_coordinates(joints, mechanism.joints, where)
+    solutions = mechanism.forward(parameters, checked)
+    if not solutions:
+        shown = ",".join(f"{name}={value!r}" for name, value in checked.items())
+        raise UnreachableError(
+            f"{where}: {shown} can not be assembled: {mechanism.why_not(parameters, checked)}"
+        )
+    return ForwardResult(mechanism.name, checked, solutions, _units(mechanism))
+
+
+def jacobian_at(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None,
+    pose: Mapping[str, Any],
+    working_mode: str | None = None,
+    *,
+    kind: JacobianKind | None = None,
+    characteristic_length: float | None = None,
+    norm: str = "2",
+    where: str = "pose",
+) -> JacobianResult:
+    """Compute the Jacobian, its singular values and indices at a pose.
+
+    A singular pose is an answer: J is None and the indices are 0.
+
+    Parameters
+    ----------
+    mechanism, params, pose, where
+        See :func:`inverse_kinematics`.
+    working_mode : str, optional
+        Default: the mechanism's first.
+    kind : {"raw", "homogenized"}, optional
+        Default: the mechanism's own, or homogenized where a characteristic length is given.
+    characteristic_length : float, optional
+        Default: the mechanism's own.
+    norm : {"2", "fro"}
+
+    Raises
+    ------
+    UnreachableError, InputError
+        See :func:`inverse_kinematics`.
+    """
+    parameters = mechanism.resolve(params or {})
+    mode = mechanism.check_mode(working_mode)
+    if characteristic_length is not None:
+        if not (np.isfinite(characteristic_length) and characteristic_length > 0):
+            raise InputError(f"characteristic length {characteristic_length} must be a number > 0")
+        if kind == "raw":
+            raise InputError("characteristic length: needs the homogenized Jacobian, not raw")
+        kind = "homogenized"
+    branch = inverse_kinematics(mechanism, params, pose, mode, where=where)
+    joints = branch.solutions[0].joints
+    j_x, j_q = mechanism.velocity_maps(parameters, branch.pose, joints)
+    reach = {r.limb: r.distance for r in mechanism.reach(parameters, branch.pose)}
+    measures = mechanism.singularity_measures(parameters, branch.pose, joints)
+    size = mechanism.characteristic_length(parameters)
+    singular = tuple(
+        [f"type 1, {limb}" for limb, distance in reach.items() if distance <= SINGULAR * size]
+        + [f"type 2, {k}" for k, v in measures["forward"].items() if abs(v) <= SINGULAR]
+    )
+    length = characteristic_length or size
+    jacobian = values = None
+    raw = homogenized = 0.0
+    if not singular:
+        jacobian = np.linalg.solve(j_x, j_q)
+        values = np.linalg.svd(jacobian, compute_uv=False)
+        raw = inverse_condition(jacobian, norm)
+        homogenized = inverse_condition(jacobian / mechanism.column_lengths(length), norm)
+    return JacobianResult(
+        mechanism=mechanism.name,
+        params=dict(parameters),
+        pose=branch.pose,
+        working_mode=mode,
+        joints=joints,
+        j_x=j_x,
+        j_q=j_q,
+        jacobian=jacobian,
+        singular_values=values,
+        kind=kind or mechanism.default_jacobian,
+        norm=norm,
+        lci_raw=raw,
+        lci_homogenized=homogenized,
+        characteristic_length=length,
+        inverse_distance=reach,
+        inverse_measure=measures["inverse"],
+        forward_measure=measures["forward"],
+        singular=singular,
+        units={
+            **_units(mechanism),
+            **_jacobian_units(mechanism),
+            "characteristic_length": unit_of("length", mechanism.length_unit),
+            "distance": unit_of("length", mechanism.length_unit),
+            "determinant": ONE,
+            "lci": ONE,
+        },
+    )
+
+
+def _jacobian_units(mechanism: Mechanism) -> dict[str, str]:
+    """Return the unit of J's columns, joint by joint, and that singular values mix them."""
+
+    def ratio(numerator: Coordinate, denominator: Coordinate) -> str:
+        return f"{mechanism.unit(numerator)}/{mechanism.unit(denominator)}"
+
+    columns = [
+        ", ".join(dict.fromkeys(ratio(row, joint) for row in mechanism.pose))
+        for joint in mechanism.joints
+    ]
+    mixed = len(set(columns)) > 1 or ", " in columns[0]
+    return {
+        "J": "columns in " + "; ".join(columns),
+        "singular_values": "mixed, see J" if mixed else columns[0],
+        **mechanism.velocity_map_units(),
+    }
+
+
+def inverse_condition(matrix: Matrix, norm: str) -> float:
+    """Return 1 / (|J| |J^-1|) by singular values: 2-norm or Frobenius."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    if values[-1] == 0.0:
+        return 0.0
+    if norm == "2":
+        return float(values[-1] / values[0])
+    return float(1 / np.sqrt((values**2).sum() * (values**-2.0).sum()))
+
+
+__all__ = [
+    "ForwardResult",
+    "InverseResult",
+    "JacobianResult",
+    "forward_kinematics",
+    "inverse_kinematics",
+    "jacobian_at",
+]

@@ -1,0 +1,92 @@
+"""How a workspace is to be sampled and its dexterity measured."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from pmopt.mechanisms.base import JacobianKind
+
+Norm = Literal["2", "fro"]
+DEFAULT_SAMPLES = 1 << 22
+DEFAULT_REPLICATES = 16
+#: Most samples of a run: beyond this the indices of a replicate leave the range that is tested.
+MAX_SAMPLES = 1 << 44
+
+FiniteFloat = Annotated[float, Field(allow_inf_nan=False)]
+#: Lower and upper end; infinite ends are allowed, NaN fails the comparison below.
+Range = tuple[float, float]
+
+
+def _norm(value: Any) -> Any:
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+class WorkspaceSettings(BaseModel):
+    """The ``[workspace]`` table of a configuration, and the options of ``pmopt workspace``.
+
+    Names of coordinates and working modes are checked against the mechanism when it is known.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    sampler: Literal["r-sequence", "sobol", "monte-carlo"] = "r-sequence"
+    samples: int | None = Field(default=None, ge=16, le=MAX_SAMPLES)
+    replicates: int | None = Field(default=None, ge=4, le=256)
+    grid: int | None = Field(default=None, ge=4, le=30_000)
+    target_error: FiniteFloat | None = Field(default=None, gt=0, lt=1)
+    working_mode: str | None = None
+    norm: Annotated[Norm, BeforeValidator(_norm)] = "2"
+    jacobian: JacobianKind | None = None
+    characteristic_length: FiniteFloat | None = Field(default=None, gt=0)
+    min_lci: FiniteFloat = Field(default=0.0, ge=0, le=1)
+    regions: Annotated[tuple[FiniteFloat, ...], Field(strict=False)] = (0.0, 0.1, 0.3, 1.0)
+    domain: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
+    limits: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> WorkspaceSettings:
+        chosen = [k for k in ("samples", "grid", "target_error") if getattr(self, k) is not None]
+        if len(chosen) > 1:
+            raise ValueError(f"{chosen[0]} and {chosen[1]} exclude each other: give one")
+        if self.grid is not None and (
+            self.replicates is not None or "sampler" in self.model_fields_set
+        ):
+            other = "replicates" if self.replicates is not None else "sampler"
+            raise ValueError(f"grid and {other} exclude each other: a grid is not random")
+        edges = self.regions
+        if len(edges) < 2 or edges[0] != 0 or edges[-1] != 1 or not _ascending(edges):
+            raise ValueError(
+                f"regions {list(edges)} must ascend from 0 to 1, e.g. [0, 0.1, 0.3, 1]"
+            )
+        if self.characteristic_length is not None and self.jacobian == "raw":
+            raise ValueError("characteristic_length needs jacobian = homogenized, not raw")
+        for table in ("domain", "limits"):
+            for name, (low, high) in getattr(self, table).items():
+                if not low < high:
+                    raise ValueError(f"{table}.{name}=[{low}, {high}]: lower < upper is needed")
+        return self
+
+    @property
+    def sampler_name(self) -> Literal["r-sequence", "sobol", "monte-carlo", "grid"]:
+        """The sampler, the grid included."""
+        return "grid" if self.grid is not None else self.sampler
+
+
+def _ascending(values: tuple[float, ...]) -> bool:
+    return all(a < b for a, b in zip(values, values[1:], strict=False))
+
+
+def split_samples(samples: int, replicates: int | None) -> tuple[int, int]:
+    """Return (replicates, samples of each).
+
+    Unless the number of replicates is given, it is the divisor of ``samples`` between 8 and 32
+    nearest to the default, so that the total is exactly what was asked for; where there is none,
+    the total is rounded up.
+    """
+    if replicates is None:
+        divisors = [r for r in range(8, 33) if samples % r == 0]
+        replicates = min(divisors, key=lambda r: abs(r - DEFAULT_REPLICATES), default=DEFAULT_REPLICATES)
+    return replicates, math.ceil(samples / replicates)

@@ -1,0 +1,175 @@
+"""The shape of a workspace: its connected pieces and enclosed voids, counted on a grid of cells.
+
+A cell belongs to a set if the set passes through it, judged by the cell's corners: the index is
+continuous, so that a cell with corners at 0.05 and 0.4 holds poses of the region between. Cells
+taken by their centres would tear a shell thinner than a cell (low dexterity along the boundary
+of the workspace, where the index falls to 0 with the root of the distance) into thousands of bits.
+Sets closer to each other than a cell are therefore joined; a second grid tells where that matters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.analysis.sweeper import Design, Sweeper
+
+DEFAULT_GRID = 96
+#: The same count on this share of the cells tells whether it depends on the resolution.
+_COARSER = 2 / 3
+#: Smaller pieces and voids than this share of the set's cells are specks, counted apart.
+_SPECK_SHARE = 1e-3
+_SPECK_CELLS = 8
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Pieces and voids of one set of cells.
+
+    Attributes
+    ----------
+    pieces : int
+        Connected pieces (cells that share a face), specks left out.
+    piece_shares : tuple of float
+        Share of the set's cells in each piece, largest first.
+    voids : int
+        Connected holes that no path leaves (cells that share a face, edge or corner).
+    pockets : int
+        Holes that are closed by the domain's boundary only, e.g. a cavity open to its floor.
+    specks : int
+        Pieces and voids of less than 0.1 % of the set's cells: too small for the grid to tell.
+    confirmed : bool
+        Whether a grid of two thirds as many cells an axis counts the same pieces, voids, pockets.
+    """
+
+    pieces: int
+    piece_shares: tuple[float, ...]
+    voids: int
+    pockets: int
+    specks: int
+    confirmed: bool
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Topology of the workspace and of each dexterity region."""
+
+    grid: int
+    workspace: Topology
+    regions: tuple[Topology, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "grid": self.grid,
+            "workspace": asdict(self.workspace),
+            "regions": [asdict(region) for region in self.regions],
+        }
+
+
+def grid_points(design: Design, count: int) -> NDArray[np.float64]:
+    """Return the (d, count^d) points of a regular grid over a design's box, its faces included."""
+    axes = [
+        np.linspace(low, low + width, count)
+        for low, width in zip(design.lower, design.width, strict=True)
+    ]
+    return np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
+
+
+def measure_shape(sweeper: Sweeper, design: Design, cells: int = DEFAULT_GRID) -> Shape:
+    """Count pieces and voids of the workspace and of each dexterity region.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    cells : int
+        Cells per axis of the design's box.
+    """
+    fine = _topologies(sweeper, design, cells)
+    coarse = _topologies(sweeper, design, max(4, round(cells * _COARSER)))
+    confirmed = [
+        Topology(**{**asdict(a), "confirmed": _counts(a) == _counts(b)})
+        for a, b in zip(fine, coarse, strict=True)
+    ]
+    return Shape(cells, confirmed[0], tuple(confirmed[1:]))
+
+
+def _counts(topology: Topology) -> tuple[int, int, int]:
+    return topology.pieces, topology.voids, topology.pockets
+
+
+def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
+    if design.box_volume == 0:
+        return [Topology(0, (), 0, 0, 0, True)] * (len(sweeper.settings.regions))
+    shape = (cells + 1,) * len(design.width)
+    margin, lci = (v.reshape(shape) for v in sweeper.field(design, grid_points(design, cells + 1)))
+    inside = _over_corners(
+        np.logical_or, (margin >= 0.0) & (lci >= sweeper.settings.min_lci)
+    )
+    smallest, largest = _over_corners(np.minimum, lci), _over_corners(np.maximum, lci)
+    edges = sweeper.settings.regions
+    sets = [inside]
+    for low, high in zip(edges, edges[1:], strict=False):
+        sets.append(inside & (largest >= low) & (smallest < high))
+    return [_topology(members) for members in sets]
+
+
+def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
+    """Combine the values at the corners of each cell."""
+    for axis in range(values.ndim):
+        lower = np.take(values, range(values.shape[axis] - 1), axis)
+        values = combine(lower, np.take(values, range(1, values.shape[axis]), axis))
+    return values
+
+
+def _topology(members: NDArray[np.bool_]) -> Topology:
+    from scipy import ndimage  # takes longer to import than the counting itself
+
+    total = int(members.sum())
+    least = max(_SPECK_CELLS, _SPECK_SHARE * total)
+    labels, _ = ndimage.label(members)
+    sizes = np.sort(np.bincount(labels.ravel())[1:])[::-1]
+    pieces = sizes[sizes >= least]
+
+    # Holes: what of the complement does not reach past the box. A rim of outside cells around
+    # the box joins all that does; without the rim, what touches the box's faces is a pocket if
+    # it can not reach the rest of the outside within the box.
+    corners = np.ones((3,) * members.ndim, dtype=bool)
+    padded = np.pad(~members, 1, constant_values=True)
+    hole_labels, _ = ndimage.label(padded, structure=corners)
+    hole_sizes = np.bincount(hole_labels.ravel())
+    hole_sizes[[0, hole_labels.flat[0]]] = 0
+    voids = hole_sizes[hole_sizes >= least]
+
+    within_labels, _ = ndimage.label(~members, structure=corners)
+    within_sizes = np.bincount(within_labels.ravel())
+    within_sizes[0] = 0
+    open_labels = np.unique(within_labels[_box_corners(members.ndim)])
+    enclosed = np.unique(within_labels[hole_labels[(slice(1, -1),) * members.ndim]
+                                       != hole_labels.flat[0]])  # fmt: skip
+    within_sizes[open_labels] = 0
+    within_sizes[enclosed] = 0
+    pockets = within_sizes[within_sizes >= least]
+    specks = (
+        (len(sizes) - len(pieces))
+        + int((hole_sizes > 0).sum() - len(voids))
+        + int((within_sizes > 0).sum() - len(pockets))
+    )
+    return Topology(
+        pieces=len(pieces),
+        piece_shares=tuple(float(s) / total for s in pieces),
+        voids=len(voids),
+        pockets=len(pockets),
+        specks=int(specks),
+        confirmed=False,
+    )
+
+
+def _box_corners(dimension: int) -> tuple[NDArray[np.intp], ...]:
+    """Return index arrays of the corner cells: the outside of a workspace shows there."""
+    grid = np.meshgrid(*([[0, -1]] * dimension), indexing="ij")
+    return tuple(axis.ravel() for axis in grid)

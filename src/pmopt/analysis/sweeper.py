@@ -1,0 +1,270 @@
+"""From designs to tallies: the compiled sweep under settings, over chunks and threads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.errors import InputError
+from pmopt.mechanisms.base import JacobianKind, Mechanism, Parameters, Vector
+from pmopt.numerics import sequences, sweep
+from pmopt.numerics.specialise import specialise
+from pmopt.seeds import seed_sequence
+from pmopt.threads import default_threads, ordered_map
+
+#: Bins of the LCI histogram over [0, 1]; quantiles are interpolated within them.
+BINS = 1000
+#: Points of one chunk, all replicates together: some milliseconds of work.
+CHUNK = 1 << 18
+
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Design:
+    """One design ready for the sweep: kernel constants and the box its points fill."""
+
+    parameters: Parameters
+    length: float
+    lower: Vector
+    width: Vector
+    constants: list[float]
+
+    @property
+    def box_volume(self) -> float:
+        """Volume of the box; 0 where nothing can be reached."""
+        return float(np.prod(self.width))
+
+
+@dataclass
+class Tallies:
+    """Sums over sample points, the leading axes designs (where there are several) and replicates.
+
+    Attributes
+    ----------
+    points : int
+        Points of each replicate.
+    box : (...,) float
+        Box volume of each design.
+    reachable, within, total, smallest, largest, margin : (..., R)
+        See the columns of :mod:`pmopt.numerics.sweep`.
+    above : (..., R, e) int64
+        Points with an index of at least each inner region edge.
+    histogram : (..., R, BINS) int64
+    """
+
+    points: int
+    box: NDArray[np.float64]
+    reachable: NDArray[np.float64]
+    within: NDArray[np.float64]
+    total: NDArray[np.float64]
+    smallest: NDArray[np.float64]
+    largest: NDArray[np.float64]
+    margin: NDArray[np.float64]
+    above: NDArray[np.int64]
+    histogram: NDArray[np.int64]
+
+    def add(self, other: Tallies) -> None:
+        """Add the tallies of further points; the order of additions fixes the last digits."""
+        self.points += other.points
+        self.reachable += other.reachable
+        self.within += other.within
+        self.total += other.total
+        np.minimum(self.smallest, other.smallest, out=self.smallest)
+        np.maximum(self.largest, other.largest, out=self.largest)
+        np.maximum(self.margin, other.margin, out=self.margin)
+        self.above += other.above
+        self.histogram += other.histogram
+
+
+class Sweeper:
+    """Samples designs of one mechanism under one set of settings.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    settings : WorkspaceSettings
+    seed : int
+    threads : int, optional
+        Default: see :func:`pmopt.threads.default_threads`. Results do not depend on it.
+    notify : callable, optional
+        Receives a line when kernels have to be compiled.
+
+    Raises
+    ------
+    InputError
+        For names in the settings that the mechanism does not have.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        settings: WorkspaceSettings,
+        seed: int = 1,
+        threads: int | None = None,
+        notify: Notify | None = None,
+        where: str = "workspace",
+    ) -> None:
+        self.mechanism = mechanism
+        self.settings = settings
+        self.seed = seed
+        self.threads = threads or default_threads()
+        self.working_mode = mechanism.check_mode(settings.working_mode, f"{where}: working_mode")
+        self.domain = mechanism.check_ranges(settings.domain, mechanism.pose, f"{where}: domain")
+        self.limits = mechanism.check_ranges(settings.limits, mechanism.joints, f"{where}: limits")
+        self.jacobian: JacobianKind = settings.jacobian or mechanism.default_jacobian
+        if settings.characteristic_length is not None:
+            self.jacobian = "homogenized"
+        self.edges = np.array(settings.regions[1:-1], dtype=float)
+        self._module = specialise(
+            mechanism.kernel,
+            len(mechanism.pose),
+            mechanism.constant_count,
+            len(mechanism.joints),
+            settings.norm,
+            on_compile=lambda: notify(
+                f"compiling the kernels of {mechanism.name} (once on this machine, some seconds)"
+            )
+            if notify
+            else None,
+        )
+
+    def design(self, parameters: Parameters) -> Design:
+        """Return a design ready to be swept, its box cut to the domain."""
+        mechanism = self.mechanism
+        lower, upper = mechanism.reach_box(parameters, self.limits)
+        domain = {**mechanism.default_domain(parameters), **self.domain}
+        for i, coordinate in enumerate(mechanism.pose):
+            low, high = domain.get(coordinate.name, (-math.inf, math.inf))
+            lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
+        width = upper - lower
+        if not np.all(width > 0):
+            width = np.zeros_like(width)
+        length = 1.0
+        if self.jacobian == "homogenized":
+            length = self.settings.characteristic_length or mechanism.characteristic_length(
+                parameters
+            )
+        constants = mechanism.kernel_constants(parameters, self.working_mode, length, self.limits)
+        return Design(parameters, length, lower, width, constants)
+
+    def sequence(self, replicates: int) -> sequences.Sequence:
+        """Return the sample points shared by all designs of a run."""
+        return sequences.make_sequence(
+            self.settings.sampler,
+            len(self.mechanism.pose),
+            replicates,
+            seed_sequence(self.seed, "workspace samples"),
+        )
+
+    def tally(
+        self,
+        designs: Sequence[Design],
+        points: sequences.Sequence,
+        first: int,
+        last: int,
+        bins: int = 0,
+    ) -> Tallies:
+        """Sweep the points ``first .. last - 1`` of every replicate for some designs."""
+        count, replicates = len(designs), points.replicates
+        statistics = np.empty((count, replicates, sweep.STATISTICS))
+        above = np.empty((count, replicates, len(self.edges)), dtype=np.int64)
+        histogram = np.empty((count, replicates, bins), dtype=np.int64)
+        self._module.sweep(
+            *points,
+            first,
+            last,
+            np.array([d.constants for d in designs]),
+            np.array([d.lower for d in designs]),
+            np.array([d.width for d in designs]),
+            self.settings.min_lci,
+            self.edges,
+            statistics,
+            above,
+            histogram,
+        )
+        box = np.array([d.box_volume for d in designs])
+        # An empty box is a single point repeated: nothing of it counts as reachable.
+        empty = box == 0.0
+        statistics[empty, :, : sweep.MIN_LCI] = 0.0
+        statistics[empty, :, sweep.WITHIN] = 0.0
+        above[empty] = 0
+        histogram[empty] = 0
+        columns = (
+            sweep.REACHABLE, sweep.WITHIN, sweep.SUM_LCI,
+            sweep.MIN_LCI, sweep.MAX_LCI, sweep.BEST_MARGIN,
+        )  # fmt: skip
+        return Tallies(
+            last - first, box, *(statistics[:, :, c].copy() for c in columns), above, histogram
+        )
+
+    def tally_population(
+        self, designs: Sequence[Design], points: sequences.Sequence, count: int
+    ) -> Tallies:
+        """Sweep ``count`` points a replicate for a whole population, designs over threads."""
+        slices = max(1, min(len(designs), 4 * self.threads))
+        parts = [designs[i * len(designs) // slices : (i + 1) * len(designs) // slices]
+                 for i in range(slices)]  # fmt: skip
+        tallies = list(
+            ordered_map(lambda part: self.tally(part, points, 0, count), parts, self.threads)
+        )
+        arrays: list[Any] = [
+            np.concatenate([getattr(t, name) for t in tallies])
+            for name in list(Tallies.__dataclass_fields__)[1:]
+        ]
+        return Tallies(count, *arrays)
+
+    def stream(
+        self, design: Design, points: sequences.Sequence, ranges: Iterable[tuple[int, int]]
+    ) -> Iterator[Tallies]:
+        """Yield the tallies of ranges of points in order, computed on all threads."""
+        return ordered_map(
+            lambda r: self.tally([design], points, r[0], r[1], BINS), ranges, self.threads
+        )
+
+    def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
+        """Return margin and LCI at given poses, shape (d, N), in the box or not.
+
+        The index is not masked: outside the limits it continues the inside, out of reach it is 0.
+        """
+        size = poses.shape[1]
+        margin, lci = np.empty(size), np.empty(size)
+        constants = np.array(design.constants)
+        step = CHUNK // 4
+
+        def evaluate(start: int) -> None:
+            part = slice(start, min(start + step, size))
+            self._module.field(
+                np.ascontiguousarray(poses[:, part]), constants, margin[part], lci[part]
+            )
+
+        for _ in ordered_map(evaluate, range(0, size, step), self.threads):
+            pass
+        return margin, lci
+
+
+def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:
+    """Split a range of point indices at fixed multiples, whatever the number of threads."""
+    length = max(sequences.BLOCK, CHUNK // replicates // sequences.BLOCK * sequences.BLOCK)
+    start = first
+    while start < last:
+        stop = min(last, (start // length + 1) * length)
+        yield start, stop
+        start = stop
+
+
+def check_grid(cells: int, dimension: int) -> None:
+    """Refuse a grid with more points than an index can count.
+
+    Raises
+    ------
+    InputError
+    """
+    if cells**dimension >= 1 << 53:
+        raise InputError(f"grid: {cells} cells a axis in {dimension} dimensions are too many")

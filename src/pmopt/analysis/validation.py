@@ -1,0 +1,59 @@
+"""Validation errors of settings and configurations as one line a user can act on."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from pmopt.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validated(model: type[Model], data: Any, where: str) -> Model:
+    """Return the model built from data.
+
+    Raises
+    ------
+    InputError
+        One line: where, key, value and what is allowed; of several errors the first.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(_one_line(error, model, where)) from None
+
+
+def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str:
+    first = error.errors()[0]
+    path = [part for part in first["loc"] if not str(part).startswith(("function-", "tuple["))]
+    key = ".".join(map(str, path))
+    if first["type"] == "extra_forbidden":
+        allowed = list(_model_at(model, path[:-1]).model_fields)
+        close = difflib.get_close_matches(str(path[-1]), allowed, n=1, cutoff=0.0)
+        hint = f"; nearest: {close[0]}" if close else ""
+        return f"{where}: unknown key {key}, allowed: {', '.join(allowed)}{hint}"
+    if first["type"] == "missing":
+        return f"{where}: {key} is missing"
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:]
+    value = first["input"]
+    if not key:
+        return f"{where}: {message}"
+    shown = "" if isinstance(value, dict) else f"={value!r}" if isinstance(value, str) else f"={value}"
+    return f"{where}: {key}{shown} is not allowed: {message}"
+
+
+def _model_at(model: type[BaseModel], path: list[int | str]) -> type[BaseModel]:
+    """Return the (sub)model whose keys stand at this place of a nested model."""
+    for part in path:
+        field = model.model_fields.get(str(part))
+        if field is None:
+            continue
+        candidates = [field.annotation, *get_args(field.annotation)]
+        for candidate in candidates:
+            if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+                model = candidate
+    return model

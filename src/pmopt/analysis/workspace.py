@@ -1,0 +1,333 @@
+"""Volume, dexterity and shape of a workspace, each number with its error estimate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
+from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
+from pmopt.analysis.shape import DEFAULT_GRID, Shape, measure_shape
+from pmopt.analysis.sweeper import (
+    BINS,
+    Design,
+    Notify,
+    Sweeper,
+    Tallies,
+    check_grid,
+    chunk_ranges,
+)
+from pmopt.errors import PmoptError
+from pmopt.mechanisms.base import JacobianKind, Mechanism
+from pmopt.numerics.sequences import make_grid
+from pmopt.units import ONE, measure_unit, unit_of
+
+#: Called with points done and points planned.
+Progress = Callable[[int, int], None]
+
+#: Spacings of the coarser grids that estimate a grid's error, relative to its own.
+_COARSER_GRIDS = (0.4, 0.5, 0.6, 0.7)
+_FIRST_ROUND = 1 << 18
+
+
+@dataclass(frozen=True)
+class Region:
+    """A dexterity region: LCI in [lower, upper), the last one closed."""
+
+    lower: float
+    upper: float
+    volume: Estimate
+    share: Estimate
+
+
+@dataclass(frozen=True)
+class WorkspaceResult:
+    """A workspace: every number in the unit that ``units`` gives."""
+
+    mechanism: str
+    params: dict[str, float | None]
+    length_unit: str
+    working_mode: str
+    norm: str
+    jacobian: JacobianKind
+    characteristic_length: float | None
+    sampler: str
+    seed: int
+    grid: int | None
+    replicates: int
+    box: dict[str, tuple[float, float]]
+    settings: WorkspaceSettings
+    volume: Estimate
+    volume_unit: str
+    gci: Estimate
+    smallest: Estimate
+    largest: Estimate
+    quantiles: tuple[Estimate, ...]
+    regions: tuple[Region, ...]
+    samples: int
+    reachable: int
+    histogram: tuple[int, ...] = field(repr=False)
+    shape: Shape | None
+    units: dict[str, str]
+
+    @property
+    def index_note(self) -> str:
+        """What the index is of, and that it mixes units where it does."""
+        return index_note(self.jacobian, self.characteristic_length, self.length_unit)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        quantiles = dict(zip(map(str, QUANTILES), self.quantiles, strict=True))
+        return {
+            "mechanism": self.mechanism,
+            "params": self.params,
+            "length_unit": self.length_unit,
+            "working_mode": self.working_mode,
+            "norm": self.norm,
+            "jacobian": self.jacobian,
+            "characteristic_length": self.characteristic_length,
+            "index_note": self.index_note,
+            "sampler": {
+                "name": self.sampler,
+                "samples": self.samples,
+                "seed": self.seed,
+                "grid": self.grid,
+                "replicates": self.replicates,
+                "error_estimate": "refinement" if self.grid else "replicates",
+            },
+            "domain": {name: list(ends) for name, ends in self.box.items()},
+            "limits": {name: list(ends) for name, ends in self.settings.limits.items()},
+            "min_lci": self.settings.min_lci,
+            "volume": {
+                "value": number(self.volume.value),
+                "unit": self.volume_unit,
+                "standard_error": number(self.volume.error),
+            },
+            "gci": {
+                "value": number(self.gci.value),
+                "standard_error": number(self.gci.error),
+            },
+            "lci": {
+                "min": number(self.smallest.value),
+                "max": number(self.largest.value),
+                "mean": number(self.gci.value),
+                "quantiles": {q: number(e.value) for q, e in quantiles.items()},
+                "standard_error": {
+                    "min": number(self.smallest.error),
+                    "max": number(self.largest.error),
+                    "mean": number(self.gci.error),
+                    "quantiles": {q: number(e.error) for q, e in quantiles.items()},
+                },
+            },
+            "regions": [
+                {
+                    "lower": r.lower,
+                    "upper": r.upper,
+                    "volume": number(r.volume.value),
+                    "share": number(r.share.value),
+                    "volume_standard_error": number(r.volume.error),
+                    "share_standard_error": number(r.share.error),
+                }
+                for r in self.regions
+            ],
+            "shape": self.shape.to_dict() if self.shape else None,
+            "samples": self.samples,
+            "reachable": self.reachable,
+            "units": self.units,
+        }
+
+
+def number(value: float) -> float | None:
+    """Return the value, None where there is none (NaN has no place in JSON)."""
+    return None if math.isnan(value) else value
+
+
+def index_note(kind: JacobianKind, length: float | None, unit: str) -> str:
+    """Say what Jacobian an index is of."""
+    if kind == "raw":
+        return f"raw Jacobian, columns in {unit}/rad and {unit}/{unit}: it mixes units and depends on the unit of length"
+    return f"homogenized Jacobian, characteristic length {length!r} {unit}"
+
+
+def compute_workspace(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None = None,
+    settings: WorkspaceSettings | None = None,
+    *,
+    seed: int = 1,
+    threads: int | None = None,
+    shape_grid: int = DEFAULT_GRID,
+    progress: Progress | None = None,
+    notify: Notify | None = None,
+) -> WorkspaceResult:
+    """Sample the workspace of one design.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    settings : WorkspaceSettings, optional
+    seed : int
+    threads : int, optional
+        The result is the same for any number.
+    shape_grid : int
+        Cells per axis on which pieces and voids are counted; 0 leaves the shape out.
+    progress, notify : callable, optional
+
+    Raises
+    ------
+    InputError
+        For unknown names and values out of range.
+    PmoptError
+        When ``target_error`` is not reached within the largest number of samples.
+    """
+    settings = settings or WorkspaceSettings()
+    sweeper = Sweeper(mechanism, settings, seed, threads, notify)
+    design = sweeper.design(mechanism.resolve(params or {}))
+    if settings.grid is not None:
+        check_grid(settings.grid, len(mechanism.pose))
+        tallies, estimates = _on_grids(sweeper, design, settings.grid, progress)
+    elif settings.target_error is not None:
+        tallies, estimates = _to_target(sweeper, design, settings.target_error, progress)
+    else:
+        replicates, points = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
+        tallies = _accumulate(sweeper, design, replicates, [(0, points)], progress)
+        estimates = from_replicates(tallies)
+    wants_shape = shape_grid > 0 and len(mechanism.pose) <= 3
+    return _result(
+        sweeper,
+        design,
+        tallies,
+        estimates,
+        measure_shape(sweeper, design, shape_grid) if wants_shape else None,
+    )
+
+
+def _accumulate(
+    sweeper: Sweeper,
+    design: Design,
+    replicates: int,
+    spans: Iterable[tuple[int, int]],
+    progress: Progress | None,
+    tallies: Tallies | None = None,
+) -> Tallies:
+    """Add the points of some spans of indices, chunk by chunk in order."""
+    points = sweeper.sequence(replicates)
+    for first, last in spans:
+        for part in sweeper.stream(design, points, chunk_ranges(first, last, replicates)):
+            if tallies is None:
+                tallies = part
+            else:
+                tallies.add(part)
+            if progress:
+                progress(tallies.points * replicates, last * replicates)
+    assert tallies is not None  # every span holds a point
+    return tallies
+
+
+def _to_target(
+    sweeper: Sweeper, design: Design, target: float, progress: Progress | None
+) -> tuple[Tallies, Estimates]:
+    """Double the samples until volume and GCI have the relative standard error asked for.
+
+    With few samples the error estimate itself is rough, so that the first estimate below the
+    target is checked by one further doubling.
+    """
+    replicates = sweeper.settings.replicates or split_samples(_FIRST_ROUND, None)[0]
+    last = _FIRST_ROUND // replicates
+    tallies = _accumulate(sweeper, design, replicates, [(0, last)], progress)
+    met = 0
+    while True:
+        estimates = from_replicates(tallies)
+        errors = [e.error / e.value if e.value else 0.0 for e in (estimates.volume, estimates.gci)]
+        worst = max((e for e in errors if not math.isnan(e)), default=0.0)
+        met = met + 1 if worst <= target else 0
+        if met == 2 or estimates.reachable == 0:
+            return tallies, estimates
+        if 2 * last * replicates > MAX_SAMPLES:
+            raise PmoptError(
+                f"target error {target} not reached with {last * replicates} samples: "
+                f"the relative standard error is {worst:.2g}"
+            )
+        tallies = _accumulate(sweeper, design, replicates, [(last, 2 * last)], progress, tallies)
+        last *= 2
+
+
+def _on_grids(
+    sweeper: Sweeper, design: Design, cells: int, progress: Progress | None
+) -> tuple[Tallies, Estimates]:
+    """Evaluate the grid and coarser ones that tell its error."""
+    dimension = len(design.width)
+    sizes = [max(2, round(cells * ratio)) for ratio in _COARSER_GRIDS] + [cells]
+    planned = sum(n**dimension for n in sizes)
+    done = 0
+    results = []
+    for n in sizes:
+        tallies: Tallies | None = None
+        for part in sweeper.stream(
+            design, make_grid(dimension, n), chunk_ranges(0, n**dimension, 1)
+        ):
+            if tallies is None:
+                tallies = part
+            else:
+                tallies.add(part)
+            if progress:
+                progress(done + tallies.points, planned)
+        assert tallies is not None
+        done += tallies.points
+        results.append(tallies)
+    coarse = [(cells / n, t) for n, t in zip(sizes[:-1], results[:-1], strict=True)]
+    return results[-1], from_grids(results[-1], coarse)
+
+
+def _result(
+    sweeper: Sweeper, design: Design, tallies: Tallies, estimates: Estimates, shape: Shape | None
+) -> WorkspaceResult:
+    mechanism, settings = sweeper.mechanism, sweeper.settings
+    edges = settings.regions
+    unit = measure_unit([c.kind for c in mechanism.pose], mechanism.length_unit)
+    names = [c.name for c in mechanism.pose]
+    ends = zip(design.lower.tolist(), (design.lower + design.width).tolist(), strict=True)
+    units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
+    units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
+    units |= {"volume": unit, "gci": ONE, "lci": ONE, "share": ONE, "min_lci": ONE}
+    units["characteristic_length"] = unit_of("length", mechanism.length_unit)
+    return WorkspaceResult(
+        mechanism=mechanism.name,
+        params=dict(design.parameters),
+        length_unit=mechanism.length_unit,
+        working_mode=sweeper.working_mode,
+        norm=settings.norm,
+        jacobian=sweeper.jacobian,
+        characteristic_length=design.length if sweeper.jacobian == "homogenized" else None,
+        sampler=settings.sampler_name,
+        seed=sweeper.seed,
+        grid=settings.grid,
+        replicates=tallies.reachable.shape[1],
+        box=dict(zip(names, ends, strict=True)),
+        settings=settings,
+        volume=estimates.volume,
+        volume_unit=unit,
+        gci=estimates.gci,
+        smallest=estimates.smallest,
+        largest=estimates.largest,
+        quantiles=estimates.quantiles,
+        regions=tuple(
+            Region(low, high, volume, share)
+            for low, high, volume, share in zip(
+                edges[:-1], edges[1:], estimates.region_volumes, estimates.region_shares,
+                strict=True,
+            )
+        ),
+        samples=estimates.samples,
+        reachable=estimates.reachable,
+        histogram=tuple(tallies.histogram[0].sum(axis=0).tolist()),
+        shape=shape,
+        units=units,
+    )
+
+
+__all__ = ["BINS", "Region", "WorkspaceResult", "compute_workspace"]

@@ -1,0 +1,50 @@
+"""The errors a user meets: their text is what is printed, their exit code what the shell sees."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class PmoptError(Exception):
+    """A failure at run time that the user can read in one line."""
+
+    exit_code = 1
+
+
+class InputError(PmoptError):
+    """Bad usage or bad input: names the key, the value and what is allowed."""
+
+    exit_code = 2
+
+
+class UnreachableError(InputError):
+    """A pose or a set of joint positions that the mechanism can not take."""
+
+
+class InfeasibleError(PmoptError):
+    """Nothing satisfies the constraints."""
+
+    exit_code = 3
+
+
+class VerificationError(PmoptError):
+    """A result that a second computation does not confirm."""
+
+    exit_code = 4
+
+
+def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
+    """Return the error for a name that is not among the allowed ones, with the nearest valid one.
+
+    Parameters
+    ----------
+    what : str
+        What the name stands for, e.g. ``"--params"`` or ``"mechanism"``.
+    name : str
+    allowed : iterable of str
+    """
+    names = list(allowed)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
+    hint = f"; nearest: {close[0]}" if close else ""
+    return InputError(f"{what}: unknown name {name!r}, allowed: {', '.join(names)}{hint}")

@@ -1,0 +1,329 @@
+"""What a mechanism declares. Each mechanism is one file with a ``MECHANISM`` of this kind."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.errors import InputError, unknown_name
+from pmopt.units import Kind, LengthUnit, unit_of
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+#: Design parameters by name, complete and validated; None for an unset optional one.
+Parameters = Mapping[str, float | None]
+#: Ranges by coordinate name.
+Ranges = Mapping[str, tuple[float, float]]
+JacobianKind = Literal["raw", "homogenized"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A design parameter.
+
+    Attributes
+    ----------
+    name : str
+        The symbol of the literature.
+    kind : {"length", "angle"}
+    default : float or None
+        None for an optional parameter that is unset.
+    bounds : tuple of float or None
+        Optimisation bounds; None where it is no design variable.
+    positive : bool
+        True where the physical range is > 0, False where it is >= 0.
+    meaning, source : str
+        What it is, and who chose default and bounds.
+    """
+
+    name: str
+    kind: Kind
+    default: float | None
+    bounds: tuple[float, float] | None
+    positive: bool
+    meaning: str
+    source: str
+
+    @property
+    def optional(self) -> bool:
+        """Whether the parameter may be unset."""
+        return self.default is None
+
+    def allowed(self) -> str:
+        """Return the physical range in words."""
+        return "a finite number > 0" if self.positive else "a finite number >= 0"
+
+    def accepts(self, value: float) -> bool:
+        """Return whether the value is within the physical range."""
+        return math.isfinite(value) and (value > 0 if self.positive else value >= 0)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A pose or joint coordinate."""
+
+    name: str
+    kind: Kind
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A limb: its joints from base to platform as a string (``P_a`` is a parallelogram)."""
+
+    name: str
+    joints: str
+    description: str
+
+
+@dataclass(frozen=True)
+class InverseSolution:
+    """One branch of the inverse kinematics: a working mode and its joint positions."""
+
+    working_mode: str
+    joints: dict[str, float]
+    parasitic: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ForwardSolution:
+    """One assembly mode: a pose and the largest residual of the constraints at it."""
+
+    pose: dict[str, float]
+    parasitic: dict[str, float]
+    residual: float
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a pose is inside (> 0) or outside (< 0) the reach of one limb.
+
+    ``distance`` is the distance to the limb's singular surface, in the length unit; ``reason``
+    says what a pose outside is, "too far" or "too close".
+    """
+
+    limb: str
+    distance: float
+    reason: str
+
+
+class Mechanism(ABC):
+    """A parallel mechanism: declarations, clear NumPy-level functions and one hot kernel.
+
+    Lengths are in ``length_unit`` throughout, angles in radians.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    description: ClassVar[str]
+    source: ClassVar[str]
+    freedom: ClassVar[str]
+    length_unit: ClassVar[LengthUnit]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    pose: ClassVar[tuple[Coordinate, ...]]
+    joints: ClassVar[tuple[Coordinate, ...]]
+    limbs: ClassVar[tuple[Limb, ...]]
+    working_modes: ClassVar[tuple[str, ...]]
+    default_jacobian: ClassVar[JacobianKind]
+    length_meaning: ClassVar[str]
+
+    #: ``kernel(*pose, constants) -> (margin, *entries)``; see pmopt.numerics.specialise. The
+    #: margin is >= 0 inside every limit and continuous outside; the entries, row by row, are any
+    #: common scalar multiple of the inverse Jacobian with its crank rows scaled by the weight.
+    kernel: ClassVar[Callable[..., tuple[float, ...]]]
+    constant_count: ClassVar[int]
+
+    # -- declared geometry -------------------------------------------------------------
+
+    @abstractmethod
+    def characteristic_length(self, parameters: Parameters) -> float:
+        """Return the length that makes the Jacobian homogeneous by default."""
+
+    @abstractmethod
+    def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
+        """Return a tight box around what is reachable within joint limits; empty: lower >= upper."""
+
+    @abstractmethod
+    def default_domain(self, parameters: Parameters) -> Ranges:
+        """Return the ranges a workspace is searched in unless others are given."""
+
+    # -- kinematics --------------------------------------------------------------------
+
+    @abstractmethod
+    def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
+        """Return each limb's distance to its singular surface at a pose."""
+
+    @abstractmethod
+    def inverse(
+        self, parameters: Parameters, pose: Mapping[str, float]
+    ) -> tuple[InverseSolution, ...]:
+        """Return all branches of the inverse kinematics, one a working mode; () out of reach."""
+
+    @abstractmethod
+    def forward(
+        self, parameters: Parameters, joints: Mapping[str, float]
+    ) -> tuple[ForwardSolution, ...]:
+        """Return all assembly modes; () where the mechanism can not be assembled."""
+
+    @abstractmethod
+    def velocity_maps(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Matrix, Matrix]:
+        """Return J_X and J_q of J_X Xdot = J_q qdot."""
+
+    @abstractmethod
+    def column_lengths(self, length: float) -> Vector:
+        """Return the factors that divide J's columns to make it homogeneous."""
+
+    @abstractmethod
+    def singularity_measures(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> dict[str, dict[str, float]]:
+        """Return normalised determinants, 0 at a singularity: ``inverse`` by limb, ``forward``."""
+
+    @abstractmethod
+    def velocity_map_units(self) -> dict[str, str]:
+        """Return the units of J_X and J_q in words."""
+
+    @abstractmethod
+    def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
+        """Return whether a pose keeps the limits that are design parameters."""
+
+    @abstractmethod
+    def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
+        """Say why the mechanism can not be assembled with these joint positions."""
+
+    # -- the hot path ------------------------------------------------------------------
+
+    @abstractmethod
+    def kernel_constants(
+        self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
+    ) -> list[float]:
+        """Return the constants the kernel takes for one design.
+
+        ``length`` is the characteristic length, 1 for the raw Jacobian.
+        """
+
+    # -- shared by all mechanisms --------------------------------------------------------
+
+    def unit(self, coordinate: Coordinate | Parameter) -> str:
+        """Return the unit of a coordinate or parameter."""
+        return unit_of(coordinate.kind, self.length_unit)
+
+    def parameter(self, name: str) -> Parameter:
+        """Return a parameter by name."""
+        return next(p for p in self.parameters if p.name == name)
+
+    def resolve(self, given: Mapping[str, Any], where: str = "params") -> dict[str, float | None]:
+        """Return all parameters, those given checked and the others at their defaults.
+
+        Raises
+        ------
+        InputError
+            For an unknown name or a value out of the physical range.
+        """
+        names = [p.name for p in self.parameters]
+        for name in given:
+            if name not in names:
+                raise unknown_name(where, name, names)
+        return {
+            p.name: self.check_parameter(p, given[p.name], where) if p.name in given else p.default
+            for p in self.parameters
+        }
+
+    def check_parameter(self, parameter: Parameter, value: Any, where: str) -> float | None:
+        """Return one parameter's value as a float, or None for an optional one that is unset."""
+        if value is None and parameter.optional:
+            return None
+        number = as_number(value)
+        if number is None or not parameter.accepts(number):
+            raise InputError(
+                f"{where}: {parameter.name}={value} is not allowed: {parameter.name} "
+                f"({parameter.meaning}) must be {parameter.allowed()}, in {self.unit(parameter)}"
+            )
+        return number
+
+    def check_mode(self, mode: str | None, where: str = "working mode") -> str:
+        """Return the working mode, the first declared one for None."""
+        if mode is None:
+            return self.working_modes[0]
+        if mode not in self.working_modes:
+            raise unknown_name(where, mode, self.working_modes)
+        return mode
+
+    def check_ranges(
+        self, ranges: Mapping[str, Any], coordinates: tuple[Coordinate, ...], where: str
+    ) -> dict[str, tuple[float, float]]:
+        """Return ranges of pose or joint coordinates, checked."""
+        names = [c.name for c in coordinates]
+        checked = {}
+        for name, value in ranges.items():
+            if name not in names:
+                raise unknown_name(where, name, names)
+            pair = [as_number(v) for v in value] if isinstance(value, list | tuple) else []
+            if len(pair) != 2 or None in pair or not pair[0] < pair[1]:  # type: ignore[operator]
+                shown = ":".join(map(str, value)) if isinstance(value, list | tuple) else value
+                raise InputError(f"{where}: {name}={shown} is no range: lower < upper is needed")
+            checked[name] = (float(pair[0]), float(pair[1]))  # type: ignore[arg-type]
+        return checked
+
+    def check_coordinates(
+        self, given: Mapping[str, Any], coordinates: tuple[Coordinate, ...], where: str
+    ) -> dict[str, float]:
+        """Return a complete pose or set of joint positions as finite floats.
+
+        An angle may be given in degrees under its name with ``_deg`` appended.
+        """
+        names = [c.name for c in coordinates]
+        values: dict[str, float] = {}
+        for name, value in given.items():
+            base, degrees = name, False
+            if name.endswith("_deg") and name not in names:
+                base, degrees = name.removesuffix("_deg"), True
+            coordinate = next((c for c in coordinates if c.name == base), None)
+            if coordinate is None or (degrees and coordinate.kind != "angle"):
+                raise unknown_name(where, name, names)
+            if base in values:
+                raise InputError(f"{where}: {base} is given twice")
+            number = as_number(value)
+            if number is None or not math.isfinite(number):
+                unit = "degrees" if degrees else self.unit(coordinate)
+                raise InputError(f"{where}: {name}={value} is no finite number, in {unit}")
+            values[base] = math.radians(number) if degrees else number
+        missing = [name for name in names if name not in values]
+        if missing:
+            raise InputError(f"{where}: {missing[0]} is missing, needed: {', '.join(names)}")
+        return {name: values[name] for name in names}
+
+
+def as_number(value: Any) -> float | None:
+    """Return a number as a float, None for anything else (text, booleans, NaN)."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return None if math.isnan(number) else number
+
+
+def wrap_angle(angle: float) -> float:
+    """Return the angle in (-pi, pi]."""
+    wrapped = math.remainder(angle, 2 * math.pi)
+    return math.pi if wrapped <= -math.pi else wrapped
+
+
+def within(value: float, limits: tuple[float, float], kind: Kind) -> bool:
+    """Return whether a joint position is within its limits; angles count modulo a full turn."""
+    low, high = limits
+    if kind == "length":
+        return low <= value <= high
+    if high - low >= 2 * math.pi:
+        return True
+    return math.cos(value - (low + high) / 2) >= math.cos((high - low) / 2) - 4e-16

@@ -1,0 +1,357 @@
+"""2PaUU-PPaP: three translations from two crank limbs and a prismatic one.
+
+Symbols as in "Kinematic Analysis and Multi-objective Scale Synthesis of Low Coupling
+2PaUU-PPaP Parallel Mechanism": m, n, l1, l2, c, theta. Every equation was re-derived; where the
+paper's print differs (see docs/mechanisms/2pauu-ppap.md), this file is what the tables fit.
+
+Geometry, z pointing from the base towards the workspace, limb i in (1, 2)::
+
+    C1 = ( m + l1 cos t1, 0, 2c - l1 sin t1)      D1 = (x + n, y, z)
+    C2 = (-m - l1 cos t2, 0, 2c - l1 sin t2)      D2 = (x - n, y, z)
+    |D_i - C_i| = l2,        y = d
+
+With a1 = m - n - x, a2 = m - n + x, b = z - 2c, and r^2 = a^2 + b^2 the constraint of a limb is
+A cos t + B sin t + C = 0, A = 2 l1 a, B = 2 l1 b, C = r^2 + y^2 + l1^2 - l2^2.
+"""
+
+# ruff: noqa: E741 -- paper symbols
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from pmopt.errors import InputError
+from pmopt.mechanisms.base import (
+    Coordinate,
+    ForwardSolution,
+    InverseSolution,
+    Limb,
+    Matrix,
+    Mechanism,
+    Parameter,
+    Parameters,
+    Ranges,
+    Reach,
+    Vector,
+    wrap_angle,
+)
+
+#: Sign s of the root in theta = atan2(B, A) + s acos(-C / sqrt(A^2 + B^2)), limbs 1 and 2.
+MODE_SIGNS = {"out-out": (-1, -1), "in-in": (1, 1), "out-in": (-1, 1), "in-out": (1, -1)}
+
+#: Poses this close to a limb's singular surface, relative to l1 + l2, count as on it: it is what
+#: rounding leaves of a pose computed to lie there.
+ON_SURFACE = 1e-9
+
+TINY = 1e-300
+
+_PAPER = "paper, section 5.1 (default) and 6.2 (bounds)"
+
+
+def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and det(J_q) J^-1 at a pose, branch-free and without trigonometry.
+
+    The margin is the least of the limbs' (A^2 + B^2 - C^2) and of the joints' limits; >= 0 is
+    within. With S = sqrt(A^2 + B^2 - C^2) the root is (-A C - s B S, -B C + s A S) / (A^2 + B^2)
+    and u.e = s S / 2, so that q2 u1, q1 u2, q1 q2 e_y stay finite where q_i = u_i.e_i is 0.
+    """
+    (
+        span, height, l1, excess, s1, s2, weight, top,
+        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high,
+    ) = constants  # fmt: skip
+    a1 = span - x
+    a2 = span + x
+    b = z - height
+    r1 = a1 * a1 + b * b
+    r2 = a2 * a2 + b * b
+    c1 = r1 + y * y + excess
+    c2 = r2 + y * y + excess
+    square1 = 4.0 * l1 * l1 * r1 - c1 * c1
+    square2 = 4.0 * l1 * l1 * r2 - c2 * c2
+    root1 = s1 * math.sqrt(square1 if square1 > 0.0 else 0.0)
+    root2 = s2 * math.sqrt(square2 if square2 > 0.0 else 0.0)
+    half1 = 0.5 / (r1 + TINY)
+    half2 = 0.5 / (r2 + TINY)
+    # l1 cos t and l1 sin t
+    p1 = -(a1 * c1 + b * root1) * half1
+    p2 = -(a2 * c2 + b * root2) * half2
+    v1 = (a1 * root1 - b * c1) * half1
+    v2 = (a2 * root2 - b * c2) * half2
+
+    margin = square1 if square1 < square2 else square2
+    slack = top - z
+    margin = slack if slack < margin else margin
+    slack = cos1 * p1 + sin1 * v1 - least1
+    margin = slack if slack < margin else margin
+    slack = cos2 * p2 + sin2 * v2 - least2
+    margin = slack if slack < margin else margin
+    slack = y - d_low
+    margin = slack if slack < margin else margin
+    slack = d_high - y
+    margin = slack if slack < margin else margin
+
+    q1 = 0.5 * root1
+    q2 = 0.5 * root2
+    g1 = weight * q2
+    g2 = weight * q1
+    return (
+        margin,
+        -(a1 + p1) * g1, y * g1, (b + v1) * g1,
+        (a2 + p2) * g2, y * g2, (b + v2) * g2,
+        0.0, q1 * q2, 0.0,
+    )  # fmt: skip
+
+
+class PauuPpap(Mechanism):
+    """The 2PaUU-PPaP mechanism."""
+
+    name = "2pauu-ppap"
+    title = "2PaUU-PPaP"
+    description = "three translations (x, y, z); two parallelogram cranks and a slider, decoupled in y"
+    source = (
+        "Kinematic Analysis and Multi-objective Scale Synthesis of Low Coupling "
+        "2PaUU-PPaP Parallel Mechanism"
+    )
+    freedom = "3T"
+    length_unit = "m"
+    default_jacobian = "raw"
+    length_meaning = "l1, the crank: J's crank columns become m/m"
+    parameters = (
+        Parameter("m", "length", 1.0, (0.5, 1.5), True, "base half-span", _PAPER),
+        Parameter("n", "length", 0.7, (0.2, 1.0), True, "platform radius", _PAPER),
+        Parameter("l1", "length", 0.65, (0.5, 1.5), True,
+                  "crank, long bar of the parallelogram", _PAPER),
+        Parameter("l2", "length", 1.5, (0.5, 1.5), True,
+                  "link between the two U joints of a limb", _PAPER),
+        Parameter("c", "length", 0.1, (0.1, 0.5), False,
+                  "short bar of the parallelogram; the crank pivots lie at z = 2c", _PAPER),
+        Parameter("h", "length", None, None, True,
+                  "largest allowed height z of the platform; unset: unlimited",
+                  "paper, table 1 (no value given)"),
+    )  # fmt: skip
+    pose = (
+        Coordinate("x", "length", "across, in the plane of the cranks"),
+        Coordinate("y", "length", "along the slider"),
+        Coordinate("z", "length", "from the base towards the workspace"),
+    )
+    joints = (
+        Coordinate("theta1", "angle", "crank of limb 1"),
+        Coordinate("theta2", "angle", "crank of limb 2"),
+        Coordinate("d", "length", "slider of limb 3"),
+    )
+    limbs = (
+        Limb("limb 1", "P_aUU", "crank parallelogram (actuated, axes along y), U at C1, U at D1"),
+        Limb("limb 2", "P_aUU", "crank parallelogram (actuated, axes along y), U at C2, U at D2"),
+        Limb("limb 3", "PP_aP", "slider along y (actuated), parallelogram in xz, slider along x"),
+    )
+    working_modes = tuple(MODE_SIGNS)
+    kernel = staticmethod(kernel)
+    constant_count = 16
+
+    def characteristic_length(self, parameters: Parameters) -> float:
+        """Return l1."""
+        return _lengths(parameters)[2]
+
+    def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
+        """Return the box of both limbs' tori, cut at z = h and at the slider's limits (y = d)."""
+        m, n, l1, l2, c = _lengths(parameters)
+        reach, shift = l1 + l2, abs(m - n)
+        x = reach - shift
+        # At x = 0 both cranks reach furthest along y: within l1 of the shift the full link.
+        y2 = l2**2 - max(shift - l1, 0.0) ** 2
+        z2 = reach**2 - shift**2
+        if x <= 0.0 or y2 <= 0.0 or z2 <= 0.0:
+            return np.zeros(3), np.zeros(3)
+        y, z = math.sqrt(y2), math.sqrt(z2)
+        top = parameters.get("h")
+        upper = 2 * c + z if top is None else min(2 * c + z, top)
+        d_low, d_high = limits.get("d", (-math.inf, math.inf))
+        return np.array([-x, max(-y, d_low), 2 * c - z]), np.array([x, min(y, d_high), upper])
+
+    def default_domain(self, parameters: Parameters) -> Ranges:
+        """Return z >= 2c: the half above the crank pivots, the paper's half-torus."""
+        return {"z": (2 * _lengths(parameters)[4], math.inf)}
+
+    def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
+        """Return how far the end point lies inside the torus each crank limb sweeps.
+
+        A limb reaches what lies between two surfaces: the torus of radii l1 and l2 about the
+        crank axis, and the part of it that encloses the axis. The distances to both are exact.
+        """
+        _, _, l1, l2, _ = _lengths(parameters)
+        y = pose["y"]
+        result = []
+        for limb, (a, b) in zip(self.limbs, _planar(parameters, pose), strict=False):
+            r = math.hypot(a, b)
+            near, far = math.hypot(r - l1, y), math.hypot(r + l1, y)
+            reason = "too far" if r >= l1 and l2 - near <= far - l2 else "too close"
+            result.append(Reach(limb.name, min(l2 - near, far - l2), reason))
+        return tuple(result)
+
+    def inverse(
+        self, parameters: Parameters, pose: Mapping[str, float]
+    ) -> tuple[InverseSolution, ...]:
+        """Solve A cos t + B sin t + C = 0 for both cranks (paper, eq. 15, misprints mended)."""
+        _, _, l1, l2, _ = _lengths(parameters)
+        if any(r.distance < -ON_SURFACE * (l1 + l2) for r in self.reach(parameters, pose)):
+            return ()
+        angles = []
+        for a, b in _planar(parameters, pose):
+            big_a, big_b = 2 * l1 * a, 2 * l1 * b
+            big_c = a**2 + b**2 + pose["y"] ** 2 + l1**2 - l2**2
+            # atan2 of sine and cosine keeps the digits that acos(-C / R) loses near the surface.
+            root = math.sqrt(max(big_a**2 + big_b**2 - big_c**2, 0.0))
+            middle, half = math.atan2(big_b, big_a), math.atan2(root, -big_c)
+            angles.append((middle, half))
+        (middle1, half1), (middle2, half2) = angles
+        return tuple(
+            InverseSolution(
+                mode,
+                {
+                    "theta1": wrap_angle(middle1 + s1 * half1),
+                    "theta2": wrap_angle(middle2 + s2 * half2),
+                    "d": pose["y"],
+                },
+                {},
+            )
+            for mode, (s1, s2) in MODE_SIGNS.items()
+        )
+
+    def forward(
+        self, parameters: Parameters, joints: Mapping[str, float]
+    ) -> tuple[ForwardSolution, ...]:
+        """Intersect two circles of radius sqrt(l2^2 - d^2) in the plane y = d (paper, eq. 17)."""
+        l2 = _lengths(parameters)[3]
+        d = joints["d"]
+        centre1, centre2 = _centres(parameters, joints)
+        half = (centre2 - centre1) / 2
+        half_distance = float(np.hypot(*half))
+        rise2 = l2**2 - d**2 - half_distance**2
+        if rise2 < -ON_SURFACE * l2**2:
+            return ()
+        if half_distance == 0.0:
+            raise InputError(
+                "joints: a forward singularity, the end points of both cranks coincide as seen "
+                "from the platform; the poses form a circle"
+            )
+        rise = math.sqrt(max(rise2, 0.0))
+        normal = np.array([-half[1], half[0]]) / half_distance
+        solutions = []
+        for sign in (1, -1):
+            x, z = (centre1 + half + sign * rise * normal).tolist()
+            pose = {"x": x, "y": d, "z": z}
+            links = self._links(parameters, pose, joints)
+            residual = max(abs(float(np.linalg.norm(u)) - l2) for u in links)
+            solutions.append(ForwardSolution(pose, {}, residual))
+        return tuple(sorted(solutions, key=lambda s: -s.pose["z"]))
+
+    def velocity_maps(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Matrix, Matrix]:
+        """Return J_X = [u1; u2; e_y], J_q = diag(u1.e1, u2.e2, 1) (paper, eq. 18; N32 is 1)."""
+        l1 = _lengths(parameters)[2]
+        t1, t2 = joints["theta1"], joints["theta2"]
+        u1, u2 = self._links(parameters, pose, joints)
+        e1 = np.array([-l1 * math.sin(t1), 0.0, -l1 * math.cos(t1)])
+        e2 = np.array([l1 * math.sin(t2), 0.0, -l1 * math.cos(t2)])
+        return np.array([u1, u2, [0.0, 1.0, 0.0]]), np.diag([u1 @ e1, u2 @ e2, 1.0])
+
+    def column_lengths(self, length: float) -> Vector:
+        """Return (length, length, 1): the crank columns are m/rad, the slider's m/m."""
+        return np.array([length, length, 1.0])
+
+    def singularity_measures(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> dict[str, dict[str, float]]:
+        """Return u_i.e_i / (l1 l2) and (u1x u2z - u1z u2x) / l2^2, both in [-1, 1]."""
+        _, _, l1, l2, _ = _lengths(parameters)
+        j_x, j_q = self.velocity_maps(parameters, pose, joints)
+        u1, u2 = j_x[0], j_x[1]
+        return {
+            "inverse": {
+                self.limbs[i].name: float(j_q[i, i]) / (l1 * l2) for i in range(2)
+            },
+            "forward": {"platform": float(u1[0] * u2[2] - u1[2] * u2[0]) / l2**2},
+        }
+
+    def velocity_map_units(self) -> dict[str, str]:
+        """Return the units of J_X's and J_q's rows."""
+        return {"J_X": "rows in m; m; 1", "J_q": "diagonal in m^2/rad; m^2/rad; 1"}
+
+    def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
+        """Return whether z <= h."""
+        top = parameters.get("h")
+        return top is None or pose["z"] <= top
+
+    def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
+        """Compare what the links have to span with their length."""
+        l2, d = _lengths(parameters)[3], joints["d"]
+        centre1, centre2 = _centres(parameters, joints)
+        span = math.hypot(d, float(np.hypot(*(centre2 - centre1))) / 2)
+        return (
+            f"each link would have to be at least {span:.6g} m long, "
+            f"{span - l2:.6g} m more than l2 = {l2!r} m"
+        )
+
+    def kernel_constants(
+        self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
+    ) -> list[float]:
+        """Return the constants in the order :func:`kernel` unpacks them.
+
+        An angle's limits become a half-width about a middle: inside is
+        l1 cos(t - middle) >= l1 cos(half-width).
+        """
+        m, n, l1, l2, c = _lengths(parameters)
+        s1, s2 = MODE_SIGNS[working_mode]
+        top = parameters.get("h")
+        arcs: list[float] = []
+        for joint in ("theta1", "theta2"):
+            low, high = limits.get(joint, (-math.pi, math.pi))
+            middle, half = (low + high) / 2, (high - low) / 2
+            # A full turn excludes nothing, not even by rounding.
+            least = -2 * l1 if half >= math.pi else l1 * math.cos(half)
+            arcs += [math.cos(middle), math.sin(middle), least]
+        return [
+            m - n, 2 * c, l1, l1**2 - l2**2, s1, s2, length, math.inf if top is None else top,
+            *arcs, *limits.get("d", (-math.inf, math.inf)),
+        ]  # fmt: skip
+
+    def _links(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Vector, Vector]:
+        """Return u_i = D_i - C_i."""
+        m, n, l1, _, c = _lengths(parameters)
+        end = np.array([pose["x"], pose["y"], pose["z"]])
+        t1, t2 = joints["theta1"], joints["theta2"]
+        c1 = np.array([m + l1 * math.cos(t1), 0.0, 2 * c - l1 * math.sin(t1)])
+        c2 = np.array([-m - l1 * math.cos(t2), 0.0, 2 * c - l1 * math.sin(t2)])
+        offset = np.array([n, 0.0, 0.0])
+        return end + offset - c1, end - offset - c2
+
+
+def _lengths(parameters: Parameters) -> tuple[float, float, float, float, float]:
+    """Return m, n, l1, l2, c."""
+    m, n, l1, l2, c = (float(parameters[k] or 0.0) for k in ("m", "n", "l1", "l2", "c"))
+    return m, n, l1, l2, c
+
+
+def _centres(parameters: Parameters, joints: Mapping[str, float]) -> tuple[Vector, Vector]:
+    """Return C1 and C2 in the xz plane, each moved by the platform's radius to the end point."""
+    m, n, l1, _, c = _lengths(parameters)
+    t1, t2 = joints["theta1"], joints["theta2"]
+    return (
+        np.array([m - n + l1 * math.cos(t1), 2 * c - l1 * math.sin(t1)]),
+        np.array([n - m - l1 * math.cos(t2), 2 * c - l1 * math.sin(t2)]),
+    )
+
+
+def _planar(parameters: Parameters, pose: Mapping[str, float]) -> tuple[tuple[float, float], ...]:
+    """Return (a_i, b) of both crank limbs."""
+    m, n, _, _, c = _lengths(parameters)
+    b = pose["z"] - 2 * c
+    return (m - n - pose["x"], b), (m - n + pose["x"], b)
+
+
+MECHANISM = PauuPpap()

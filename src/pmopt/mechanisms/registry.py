@@ -1,0 +1,71 @@
+"""Discovery of mechanisms by name."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+from importlib.metadata import entry_points
+
+import pmopt.mechanisms as package
+from pmopt.errors import InputError, PmoptError, unknown_name
+from pmopt.mechanisms.base import Mechanism
+
+ENTRY_POINT_GROUP = "pmopt.mechanisms"
+_NOT_MECHANISMS = {"base", "registry"}
+
+
+def _key(name: str) -> str:
+    return "".join(ch for ch in name.casefold() if ch not in " -_/")
+
+
+def collect(mechanisms: list[Mechanism]) -> dict[str, Mechanism]:
+    """Return the mechanisms by matching key; two of one name are an error, never an overwrite."""
+    found: dict[str, Mechanism] = {}
+    for mechanism in mechanisms:
+        key = _key(mechanism.name)
+        if key in found:
+            raise PmoptError(
+                f"mechanism {mechanism.name!r} is defined twice: "
+                f"{type(found[key]).__module__} and {type(mechanism).__module__}"
+            )
+        found[key] = mechanism
+    return dict(sorted(found.items()))
+
+
+@cache
+def _registry() -> dict[str, Mechanism]:
+    found: list[Mechanism] = []
+    for info in pkgutil.iter_modules(package.__path__):
+        if info.name not in _NOT_MECHANISMS:
+            found.append(importlib.import_module(f"{package.__name__}.{info.name}").MECHANISM)
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        try:
+            mechanism = entry.load()
+        except Exception as error:  # a broken plug-in must be named, whatever it raises
+            raise PmoptError(f"entry point {entry.name!r} ({entry.value}): {error}") from error
+        if not isinstance(mechanism, Mechanism):
+            raise PmoptError(f"entry point {entry.name!r} ({entry.value}) is no Mechanism")
+        found.append(mechanism)
+    return collect(found)
+
+
+def names() -> list[str]:
+    """Return the names of all mechanisms."""
+    return [mechanism.name for mechanism in _registry().values()]
+
+
+def find(name: str) -> Mechanism:
+    """Return a mechanism by name, ignoring case, spaces and dashes.
+
+    Raises
+    ------
+    InputError
+        For an unknown name; the nearest valid one is given.
+    """
+    if not name:
+        raise InputError(f"mechanism: empty name, allowed: {', '.join(names())}")
+    mechanism = _registry().get(_key(name))
+    if mechanism is None:
+        raise unknown_name("mechanism", name, names())
+    return mechanism

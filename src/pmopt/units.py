@@ -1,0 +1,35 @@
+"""Unit names, in one place."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Literal
+
+Kind = Literal["length", "angle"]
+LengthUnit = Literal["m", "mm"]
+
+ANGLE = "rad"
+#: Written where a number has no unit, so that every number has an entry.
+ONE = "1"
+
+
+def unit_of(kind: Kind, length_unit: LengthUnit) -> str:
+    """Return the unit of a coordinate of this kind."""
+    return length_unit if kind == "length" else ANGLE
+
+
+def measure_unit(kinds: Iterable[Kind], length_unit: LengthUnit) -> str:
+    """Return the unit of a volume over coordinates of these kinds, e.g. ``m^3``, ``m rad^2``."""
+    counts = Counter(unit_of(kind, length_unit) for kind in kinds)
+    parts = [
+        unit if counts[unit] == 1 else f"{unit}^{counts[unit]}"
+        for unit in (length_unit, ANGLE)
+        if counts[unit]
+    ]
+    return " ".join(parts)
+
+
+def pretty(unit: str) -> str:
+    """Return the unit as pictures show it: ``m^3`` becomes ``m³``."""
+    return unit.translate({ord("^"): None, ord("2"): "²", ord("3"): "³", ord("4"): "⁴"})

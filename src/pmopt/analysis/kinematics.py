@@ -148,6 +148,10 @@ def _units(mechanism: Mechanism) -> dict[str, str]:
     return {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
 
 
+def _forward_units(mechanism: Mechanism) -> dict[str, str]:
+    return _units(mechanism) | {"residual": unit_of("length", mechanism.length_unit)}
+
+
 def _require_reach(
     mechanism: Mechanism, parameters: Parameters, pose: Mapping[str, float], where: str
 ) -> None:
@@ -220,10 +224,18 @@ def _within_limits(
     ranges: Ranges,
 ) -> bool:
     return mechanism.admits(parameters, pose) and all(
-        within(joints[c.name], ranges[c.name], c.kind)
-        for c in mechanism.joints
-        if c.name in ranges
+        within(joints[c.name], ranges[c.name], c.kind) for c in mechanism.joints if c.name in ranges
     )
+
+
+def no_inverse(mechanism: Mechanism, pose: dict[str, float]) -> InverseResult:
+    """Return the result of a pose out of reach: no solutions."""
+    return InverseResult(mechanism.name, pose, (), (), _units(mechanism))
+
+
+def no_forward(mechanism: Mechanism, joints: dict[str, float]) -> ForwardResult:
+    """Return the result of joint positions that can not be assembled: no solutions."""
+    return ForwardResult(mechanism.name, joints, (), _forward_units(mechanism))
 
 
 def forward_kinematics(
@@ -249,7 +261,7 @@ def forward_kinematics(
         raise UnreachableError(
             f"{where}: {shown} can not be assembled: {mechanism.why_not(parameters, checked)}"
         )
-    return ForwardResult(mechanism.name, checked, solutions, _units(mechanism))
+    return ForwardResult(mechanism.name, checked, solutions, _forward_units(mechanism))
 
 
 def jacobian_at(

@@ -88,5 +88,7 @@ def split_samples(samples: int, replicates: int | None) -> tuple[int, int]:
     """
     if replicates is None:
         divisors = [r for r in range(8, 33) if samples % r == 0]
-        replicates = min(divisors, key=lambda r: abs(r - DEFAULT_REPLICATES), default=DEFAULT_REPLICATES)
+        replicates = min(
+            divisors, key=lambda r: abs(r - DEFAULT_REPLICATES), default=DEFAULT_REPLICATES
+        )
     return replicates, math.ceil(samples / replicates)

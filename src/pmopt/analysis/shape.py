@@ -107,9 +107,7 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
         return [Topology(0, (), 0, 0, 0, True)] * (len(sweeper.settings.regions))
     shape = (cells + 1,) * len(design.width)
     margin, lci = (v.reshape(shape) for v in sweeper.field(design, grid_points(design, cells + 1)))
-    inside = _over_corners(
-        np.logical_or, (margin >= 0.0) & (lci >= sweeper.settings.min_lci)
-    )
+    inside = _over_corners(np.logical_or, (margin >= 0.0) & (lci >= sweeper.settings.min_lci))
     smallest, largest = _over_corners(np.minimum, lci), _over_corners(np.maximum, lci)
     edges = sweeper.settings.regions
     sets = [inside]
@@ -121,8 +119,8 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
 def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
     """Combine the values at the corners of each cell."""
     for axis in range(values.ndim):
-        lower = np.take(values, range(values.shape[axis] - 1), axis)
-        values = combine(lower, np.take(values, range(1, values.shape[axis]), axis))
+        along = np.moveaxis(values, axis, 0)
+        values = np.moveaxis(combine(along[:-1], along[1:]), 0, axis)
     return values
 
 
@@ -135,38 +133,35 @@ def _topology(members: NDArray[np.bool_]) -> Topology:
     sizes = np.sort(np.bincount(labels.ravel())[1:])[::-1]
     pieces = sizes[sizes >= least]
 
-    # Holes: what of the complement does not reach past the box. A rim of outside cells around
-    # the box joins all that does; without the rim, what touches the box's faces is a pocket if
-    # it can not reach the rest of the outside within the box.
+    # Holes are pieces of the complement. One that holds a corner of the box is the outside, one
+    # that shows in a face of the box is a pocket there, any other is enclosed.
     corners = np.ones((3,) * members.ndim, dtype=bool)
-    padded = np.pad(~members, 1, constant_values=True)
-    hole_labels, _ = ndimage.label(padded, structure=corners)
-    hole_sizes = np.bincount(hole_labels.ravel())
-    hole_sizes[[0, hole_labels.flat[0]]] = 0
-    voids = hole_sizes[hole_sizes >= least]
-
-    within_labels, _ = ndimage.label(~members, structure=corners)
-    within_sizes = np.bincount(within_labels.ravel())
-    within_sizes[0] = 0
-    open_labels = np.unique(within_labels[_box_corners(members.ndim)])
-    enclosed = np.unique(within_labels[hole_labels[(slice(1, -1),) * members.ndim]
-                                       != hole_labels.flat[0]])  # fmt: skip
-    within_sizes[open_labels] = 0
-    within_sizes[enclosed] = 0
-    pockets = within_sizes[within_sizes >= least]
-    specks = (
-        (len(sizes) - len(pieces))
-        + int((hole_sizes > 0).sum() - len(voids))
-        + int((within_sizes > 0).sum() - len(pockets))
-    )
+    hole_labels, _ = ndimage.label(~members, structure=corners)
+    holes = np.bincount(hole_labels.ravel())
+    holes[0] = 0
+    holes[hole_labels[_box_corners(members.ndim)]] = 0
+    opened = holes.copy()
+    opened[_not_in_faces(hole_labels, len(holes))] = 0
+    enclosed = holes - opened
+    voids, pockets = enclosed[enclosed >= least], opened[opened >= least]
+    specks = (len(sizes) - len(pieces)) + int((holes > 0).sum()) - len(voids) - len(pockets)
     return Topology(
         pieces=len(pieces),
         piece_shares=tuple(float(s) / total for s in pieces),
         voids=len(voids),
         pockets=len(pockets),
-        specks=int(specks),
+        specks=specks,
         confirmed=False,
     )
+
+
+def _not_in_faces(labels: NDArray[np.int32], count: int) -> NDArray[np.bool_]:
+    """Return which labels do not show in any face of the box."""
+    hidden = np.ones(count, dtype=bool)
+    for axis in range(labels.ndim):
+        for end in (0, -1):
+            hidden[np.take(labels, end, axis).ravel()] = False
+    return hidden
 
 
 def _box_corners(dimension: int) -> tuple[NDArray[np.intp], ...]:

@@ -128,11 +128,13 @@ class Sweeper:
             mechanism.constant_count,
             len(mechanism.joints),
             settings.norm,
-            on_compile=lambda: notify(
-                f"compiling the kernels of {mechanism.name} (once on this machine, some seconds)"
-            )
-            if notify
-            else None,
+            on_compile=lambda: (
+                notify(
+                    f"compiling the kernels of {mechanism.name} (once on this machine, some seconds)"
+                )
+                if notify
+                else None
+            ),
         )
 
     def design(self, parameters: Parameters) -> Design:

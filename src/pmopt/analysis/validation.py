@@ -42,7 +42,9 @@ def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str
     value = first["input"]
     if not key:
         return f"{where}: {message}"
-    shown = "" if isinstance(value, dict) else f"={value!r}" if isinstance(value, str) else f"={value}"
+    shown = (
+        "" if isinstance(value, dict) else f"={value!r}" if isinstance(value, str) else f"={value}"
+    )
     return f"{where}: {key}{shown} is not allowed: {message}"
 
 

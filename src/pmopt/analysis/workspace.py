@@ -22,7 +22,7 @@ from pmopt.analysis.sweeper import (
 from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
 from pmopt.numerics.sequences import make_grid
-from pmopt.units import ONE, measure_unit, unit_of
+from pmopt.units import ONE, unit_of
 
 #: Called with points done and points planned.
 Progress = Callable[[int, int], None]
@@ -189,9 +189,9 @@ def compute_workspace(
     design = sweeper.design(mechanism.resolve(params or {}))
     if settings.grid is not None:
         check_grid(settings.grid, len(mechanism.pose))
-        tallies, estimates = _on_grids(sweeper, design, settings.grid, progress)
+        tallies, estimates = measure_on_grids(sweeper, design, settings.grid, progress)
     elif settings.target_error is not None:
-        tallies, estimates = _to_target(sweeper, design, settings.target_error, progress)
+        tallies, estimates = measure_to_target(sweeper, design, settings.target_error, progress)
     else:
         replicates, points = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
         tallies = _accumulate(sweeper, design, replicates, [(0, points)], progress)
@@ -228,8 +228,8 @@ def _accumulate(
     return tallies
 
 
-def _to_target(
-    sweeper: Sweeper, design: Design, target: float, progress: Progress | None
+def measure_to_target(
+    sweeper: Sweeper, design: Design, target: float, progress: Progress | None = None
 ) -> tuple[Tallies, Estimates]:
     """Double the samples until volume and GCI have the relative standard error asked for.
 
@@ -256,8 +256,8 @@ def _to_target(
         last *= 2
 
 
-def _on_grids(
-    sweeper: Sweeper, design: Design, cells: int, progress: Progress | None
+def measure_on_grids(
+    sweeper: Sweeper, design: Design, cells: int, progress: Progress | None = None
 ) -> tuple[Tallies, Estimates]:
     """Evaluate the grid and coarser ones that tell its error."""
     dimension = len(design.width)
@@ -288,7 +288,7 @@ def _result(
 ) -> WorkspaceResult:
     mechanism, settings = sweeper.mechanism, sweeper.settings
     edges = settings.regions
-    unit = measure_unit([c.kind for c in mechanism.pose], mechanism.length_unit)
+    unit = mechanism.volume_unit
     names = [c.name for c in mechanism.pose]
     ends = zip(design.lower.tolist(), (design.lower + design.width).tolist(), strict=True)
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
@@ -318,7 +318,10 @@ def _result(
         regions=tuple(
             Region(low, high, volume, share)
             for low, high, volume, share in zip(
-                edges[:-1], edges[1:], estimates.region_volumes, estimates.region_shares,
+                edges[:-1],
+                edges[1:],
+                estimates.region_volumes,
+                estimates.region_shares,
                 strict=True,
             )
         ),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InputError, unknown_name
-from pmopt.units import Kind, LengthUnit, unit_of
+from pmopt.units import Kind, LengthUnit, measure_unit, unit_of
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -215,6 +215,11 @@ class Mechanism(ABC):
     def unit(self, coordinate: Coordinate | Parameter) -> str:
         """Return the unit of a coordinate or parameter."""
         return unit_of(coordinate.kind, self.length_unit)
+
+    @property
+    def volume_unit(self) -> str:
+        """Unit of a volume of poses."""
+        return measure_unit([c.kind for c in self.pose], self.length_unit)
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter by name."""

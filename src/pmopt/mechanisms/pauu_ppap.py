@@ -109,7 +109,9 @@ class PauuPpap(Mechanism):
 
     name = "2pauu-ppap"
     title = "2PaUU-PPaP"
-    description = "three translations (x, y, z); two parallelogram cranks and a slider, decoupled in y"
+    description = (
+        "three translations (x, y, z); two parallelogram cranks and a slider, decoupled in y"
+    )
     source = (
         "Kinematic Analysis and Multi-objective Scale Synthesis of Low Coupling "
         "2PaUU-PPaP Parallel Mechanism"
@@ -270,9 +272,7 @@ class PauuPpap(Mechanism):
         j_x, j_q = self.velocity_maps(parameters, pose, joints)
         u1, u2 = j_x[0], j_x[1]
         return {
-            "inverse": {
-                self.limbs[i].name: float(j_q[i, i]) / (l1 * l2) for i in range(2)
-            },
+            "inverse": {self.limbs[i].name: float(j_q[i, i]) / (l1 * l2) for i in range(2)},
             "forward": {"platform": float(u1[0] * u2[2] - u1[2] * u2[0]) / l2**2},
         }
 

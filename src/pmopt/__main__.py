@@ -1,0 +1,5 @@
+"""``python -m pmopt``."""
+
+from pmopt.cli.main import main
+
+main()

@@ -1,0 +1,155 @@
+"""The public Python interface: mechanisms by name, keywords instead of settings objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pmopt.analysis.kinematics import (
+    ForwardResult,
+    InverseResult,
+    JacobianResult,
+    forward_kinematics,
+    inverse_kinematics,
+    jacobian_at,
+)
+from pmopt.analysis.validation import validated
+from pmopt.mechanisms import Mechanism, find, names
+
+if TYPE_CHECKING:
+    from pmopt.analysis.workspace import WorkspaceResult
+    from pmopt.reporting.pareto_run import ParetoRun
+
+Params = Mapping[str, Any]
+
+
+def mechanism_names() -> list[str]:
+    """Return the names of all mechanisms."""
+    return names()
+
+
+def mechanism(name: str) -> Mechanism:
+    """Return a mechanism by name, ignoring case, spaces and dashes."""
+    return find(name)
+
+
+def ik(
+    mechanism: str,
+    pose: Params,
+    params: Params | None = None,
+    working_mode: str = "all",
+    limits: Params | None = None,
+) -> InverseResult:
+    """Solve the inverse kinematics at a pose.
+
+    Parameters
+    ----------
+    mechanism : str
+    pose : mapping
+        Every pose coordinate, in the mechanism's length unit and rad.
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    working_mode : str
+        One of the mechanism's, or ``"all"``.
+    limits : mapping, optional
+        ``{joint: (lower, upper)}``.
+
+    Raises
+    ------
+    pmopt.errors.UnreachableError
+        Naming the limb and by how much the pose is out of its reach.
+    """
+    return inverse_kinematics(find(mechanism), params, pose, working_mode, limits)
+
+
+def fk(mechanism: str, joints: Params, params: Params | None = None) -> ForwardResult:
+    """Solve the forward kinematics: all assembly modes.
+
+    Raises
+    ------
+    pmopt.errors.UnreachableError
+        Where the mechanism can not be assembled with these joint positions.
+    """
+    return forward_kinematics(find(mechanism), params, joints)
+
+
+def jacobian(
+    mechanism: str,
+    pose: Params,
+    params: Params | None = None,
+    working_mode: str | None = None,
+    **options: Any,
+) -> JacobianResult:
+    """Compute the Jacobian and its conditioning at a pose.
+
+    Parameters
+    ----------
+    mechanism, pose, params, working_mode
+        See :func:`ik`.
+    **options
+        ``kind``, ``characteristic_length`` and ``norm`` of
+        :func:`pmopt.analysis.kinematics.jacobian_at`.
+    """
+    return jacobian_at(find(mechanism), params, pose, working_mode, **options)
+
+
+def workspace(
+    mechanism: str,
+    params: Params | None = None,
+    *,
+    seed: int = 1,
+    threads: int | None = None,
+    shape_grid: int | None = None,
+    **settings: Any,
+) -> WorkspaceResult:
+    """Sample the workspace of one design.
+
+    Parameters
+    ----------
+    mechanism : str
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    seed : int
+    threads : int, optional
+        The result is the same for any number.
+    shape_grid : int, optional
+        Cells per axis on which pieces and voids are counted; 0 leaves the shape out.
+    **settings
+        Fields of :class:`pmopt.analysis.settings.WorkspaceSettings`: ``samples``, ``sampler``,
+        ``grid``, ``target_error``, ``working_mode``, ``norm``, ``jacobian``, ``domain``, ..
+    """
+    from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.analysis.shape import DEFAULT_GRID
+    from pmopt.analysis.workspace import compute_workspace
+
+    return compute_workspace(
+        find(mechanism),
+        params,
+        validated(WorkspaceSettings, settings, "workspace"),
+        seed=seed,
+        threads=threads,
+        shape_grid=DEFAULT_GRID if shape_grid is None else shape_grid,
+    )
+
+
+def pareto(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> ParetoRun:
+    """Search for the Pareto front of a configuration.
+
+    Parameters
+    ----------
+    config : mapping or path
+        As in the TOML file, or the file.
+    out : path, optional
+        The run's folder; nothing is written without it.
+    **options
+        ``force``, ``resume``, ``threads`` of :func:`pmopt.reporting.pareto_run.run_pareto`.
+    """
+    from pmopt.reporting.pareto_run import run_pareto
+    from pmopt.synthesis.config import load_config, resolve_config
+
+    if isinstance(config, str | Path):
+        resolved = load_config(Path(config))
+    else:
+        resolved = resolve_config(dict(config), "config")
+    return run_pareto(resolved, None if out is None else Path(out), **options)

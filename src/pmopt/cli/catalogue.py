@@ -1,0 +1,49 @@
+"""``pmopt list`` and ``pmopt info``."""
+
+from __future__ import annotations
+
+import click
+
+from pmopt.cli.options import common_options, mechanism_argument
+from pmopt.cli.output import emit
+from pmopt.mechanisms import Mechanism, find, names
+from pmopt.reporting import tables
+
+
+@click.command("list")
+@common_options
+def list_command(form: str, quiet: bool, debug: bool) -> None:
+    """The catalogue of mechanisms.
+
+    \b
+    Example:
+      pmopt list --format json
+    """
+    found = [find(name) for name in names()]
+    document = {
+        "mechanisms": [
+            {
+                "name": m.name,
+                "title": m.title,
+                "freedom": m.freedom,
+                "length_unit": m.length_unit,
+                "description": m.description,
+                "source": m.source,
+            }
+            for m in found
+        ]
+    }
+    emit(form, document, [tables.mechanisms_table(found)])
+
+
+@click.command("info")
+@mechanism_argument
+@common_options
+def info_command(mechanism: Mechanism, form: str, quiet: bool, debug: bool) -> None:
+    """What one mechanism declares: parameters, coordinates, limbs, working modes, limits.
+
+    \b
+    Example:
+      pmopt info 2pauu-ppap
+    """
+    emit(form, tables.mechanism_document(mechanism), tables.mechanism_tables(mechanism))

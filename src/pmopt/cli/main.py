@@ -1,0 +1,122 @@
+"""Entry point: subcommands loaded on use, errors as one line, exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+import click
+
+from pmopt import __version__
+from pmopt.errors import PmoptError
+
+EXIT_RUNTIME, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
+
+#: Subcommand -> (module, one-line help): the help is shown without importing the module.
+COMMANDS = {
+    "list": ("pmopt.cli.catalogue", "The catalogue of mechanisms."),
+    "info": ("pmopt.cli.catalogue", "What one mechanism declares."),
+    "ik": ("pmopt.cli.pose", "Inverse kinematics: joint positions of a pose."),
+    "fk": ("pmopt.cli.pose", "Forward kinematics: poses of joint positions."),
+    "jacobian": ("pmopt.cli.pose", "Jacobian, LCI and distance to singularities at a pose."),
+    "workspace": ("pmopt.cli.workspace", "Volume, dexterity and shape of a workspace."),
+    "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
+    "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
+    "init": ("pmopt.cli.init", "Write a commented starting configuration."),
+    "completion": ("pmopt.cli.completion", "Print the script of shell completion."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose subcommands are imported when they are run."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(COMMANDS[cmd_name][0])
+        command: click.Command = getattr(module, f"{cmd_name}_command")
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            from pmopt.errors import unknown_name
+
+            raise unknown_name("command", args[0], COMMANDS)
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="pmopt")
+def cli() -> None:
+    """Design of parallel mechanisms: workspace, dexterity and Pareto fronts with error bars.
+
+    \b
+    Example:
+      pmopt workspace 2pauu-ppap --params m=1,n=0.7,l1=0.65,l2=1.5,c=0.1
+    """
+
+
+def _terminate(signum: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _fail(message: str, code: int) -> int:
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    return code
+
+
+def run(args: list[str] | None = None) -> int:
+    """Run the command line and return the exit code; only ``--debug`` lets a traceback out."""
+    debug = "--debug" in (sys.argv[1:] if args is None else args)
+    try:
+        signal.signal(signal.SIGTERM, _terminate)
+        result: Any = cli.main(args, prog_name="pmopt", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except PmoptError as error:
+        if debug:
+            raise
+        return _fail(str(error), error.exit_code)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else str(error), err=True)
+        return EXIT_USAGE
+    except click.ClickException as error:
+        return _fail(error.format_message(), EXIT_USAGE)
+    except (KeyboardInterrupt, click.Abort) as error:
+        hint = getattr(error, "hint", "") or _resume_hint()
+        return _fail(f"interrupted{hint}", EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output has gone; nothing is left to say, not even at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_RUNTIME
+    except MemoryError:
+        return _fail("out of memory: fewer samples, a smaller grid or population", EXIT_RUNTIME)
+    except Exception as error:
+        if debug:
+            raise
+        return _fail(
+            f"unexpected {type(error).__name__}: {error} (--debug shows where)", EXIT_RUNTIME
+        )
+
+
+def _resume_hint() -> str:
+    options = sys.modules.get("pmopt.cli.options")
+    return getattr(options, "resume_hint", "") if options else ""
+
+
+def main() -> None:
+    """Console entry point."""
+    sys.exit(run())

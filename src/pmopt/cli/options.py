@@ -1,0 +1,208 @@
+"""Options shared by subcommands, and the parsing of their values."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from pmopt.errors import InputError
+from pmopt.mechanisms import Mechanism, find, names
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Said after "interrupted" when the run can be taken up again.
+resume_hint = ""
+
+
+def set_resume_hint(text: str) -> None:
+    """Set what an interrupted run says about taking it up again."""
+    global resume_hint
+    resume_hint = text
+
+
+def _complete_mechanism(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    return [name for name in names() if name.startswith(incomplete.lower())]
+
+
+def _find(ctx: click.Context, param: click.Parameter, value: str) -> Mechanism:
+    return find(value)
+
+
+def mechanism_argument(function: Function) -> Function:
+    """Add the MECH argument, passed on as a Mechanism."""
+    return click.argument(
+        "mechanism", metavar="MECH", callback=_find, shell_complete=_complete_mechanism
+    )(function)
+
+
+def common_options(function: Function) -> Function:
+    """Add --format, --quiet and --debug."""
+    for option in (
+        click.option("--debug", is_flag=True, help="Show tracebacks."),
+        click.option("--quiet", is_flag=True, help="Nothing on stderr but errors."),
+        click.option(
+            "--format", "form", type=click.Choice(["table", "json", "csv"]), default="table",
+            show_default=True, help="Form of the result on stdout.",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+params_option = click.option(
+    "--params", multiple=True, metavar="NAME=VALUE,..|@FILE.toml",
+    help="Design parameters; repeatable. Those left out take their defaults.",
+)  # fmt: skip
+threads_option = click.option(
+    "--threads", type=click.IntRange(min=1, max=4096),
+    help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
+)  # fmt: skip
+seed_option = click.option(
+    "--seed", type=click.IntRange(min=0, max=2**63 - 1), default=1, show_default=True,
+    help="Seed of everything random.",
+)  # fmt: skip
+jacobian_options = (
+    click.option("--jacobian", "kind", type=click.Choice(["raw", "homogenized"]),
+                 help="Jacobian the index is of. Default: the mechanism's own."),
+    click.option("--characteristic-length", type=float, metavar="X",
+                 help="Length that makes the Jacobian homogeneous. Default: the mechanism's own."),
+    click.option("--norm", type=click.Choice(["2", "fro"]), default="2", show_default=True,
+                 help="Norm of the condition number: smallest over largest singular value, or "
+                 "Frobenius."),
+)  # fmt: skip
+
+
+def out_options(function: Function) -> Function:
+    """Add --out and --force."""
+    for option in (
+        click.option("--force", is_flag=True, help="Overwrite a run in the folder."),
+        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+                     help="Folder of the run's files."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
+    """Return ``name=value`` pairs, comma-separated and repeatable; a name given twice is refused."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        for part in text.split(","):
+            name, equals, value = part.partition("=")
+            name, value = name.strip(), value.strip()
+            if not equals or not name or not value:
+                raise InputError(f"{option}: {part.strip()!r} is not NAME=VALUE")
+            if name in pairs:
+                raise InputError(f"{option}: {name} is given twice")
+            pairs[name] = value
+    return pairs
+
+
+def parse_number(option: str, name: str, text: str) -> float:
+    """Return a finite number.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{option}: {name}={text} is not allowed: a finite number is needed")
+    return value
+
+
+def parse_coordinates(texts: Sequence[str], option: str) -> dict[str, float]:
+    """Return the numbers of ``--pose`` or ``--joints``."""
+    return {k: parse_number(option, k, v) for k, v in split_pairs(texts, option).items()}
+
+
+def parse_params(texts: Sequence[str]) -> dict[str, Any]:
+    """Return the design parameters of ``--params``, inline and from files."""
+    given: dict[str, Any] = {}
+    for text in texts:
+        if text.startswith("@"):
+            part = _params_file(Path(text[1:]))
+        else:
+            part = {
+                k: parse_number("--params", k, v)
+                for k, v in split_pairs([text], "--params").items()
+            }
+        for name in part:
+            if name in given:
+                raise InputError(f"--params: {name} is given twice")
+        given |= part
+    return given
+
+
+def _params_file(path: Path) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"--params: {path}: can not read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"--params: {path}: is no TOML file: {error}") from None
+    table = data.get("parameters", data)
+    if not isinstance(table, dict):
+        raise InputError(f"--params: {path}: parameters is no table of NAME = VALUE")
+    return table
+
+
+def parse_ranges(texts: Sequence[str], option: str) -> dict[str, tuple[float, float]]:
+    """Return ranges given as ``name=lower:upper``; an end may be inf."""
+    ranges = {}
+    for name, text in split_pairs(texts, option).items():
+        low, colon, high = text.partition(":")
+        try:
+            ends = (float(low), float(high)) if colon else None
+        except ValueError:
+            ends = None
+        if ends is None or not ends[0] < ends[1]:
+            raise InputError(
+                f"{option}: {name}={text} is not allowed: LOWER:UPPER with LOWER < UPPER is needed"
+            )
+        ranges[name] = ends
+    return ranges
+
+
+def parse_edges(text: str) -> tuple[float, ...]:
+    """Return the edges of ``--regions``."""
+    return tuple(parse_number("--regions", "edge", part) for part in text.split(","))
+
+
+def read_rows(path: Path, option: str, columns: Sequence[str]) -> list[dict[str, float]]:
+    """Return the rows of a CSV file of poses or joint positions.
+
+    Raises
+    ------
+    InputError
+        Naming the file, and the line of a cell that is no finite number.
+    """
+    import csv
+
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            rows = list(reader)
+    except OSError as error:
+        raise InputError(f"{option}: {path}: can not read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{option}: {path}: is no CSV file: {error}") from None
+    if not rows:
+        raise InputError(f"{option}: {path}: has no rows; columns needed: {', '.join(columns)}")
+    if len(set(reader.fieldnames or ())) < len(reader.fieldnames or ()):
+        raise InputError(f"{option}: {path}: a column is given twice")
+    parsed = []
+    for line, row in enumerate(rows, start=2):
+        if None in row or None in row.values():
+            raise InputError(f"{option}: {path}, line {line}: not as many cells as the header")
+        where = f"{option}: {path}, line {line}"
+        parsed.append({k.strip(): parse_number(where, k.strip(), v) for k, v in row.items()})
+    return parsed

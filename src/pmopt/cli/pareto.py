@@ -1,0 +1,103 @@
+"""``pmopt pareto``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pmopt.cli import options
+from pmopt.cli.output import emit, notifier, progress_bar
+from pmopt.errors import InputError
+from pmopt.mechanisms import find
+
+if TYPE_CHECKING:
+    from pmopt.reporting.pareto_run import OnGeneration, OnMeasured
+    from pmopt.synthesis.config import RunConfig
+    from pmopt.synthesis.optimise import Generation
+
+
+@click.command("pareto")
+@click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
+@options.out_options
+@click.option("--resume", is_flag=True, help="Take up the run in --out where it was cut off.")
+@options.threads_option
+@click.option(
+    "--seed", type=click.IntRange(min=0, max=2**63 - 1), help="Instead of the configuration's seed."
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@options.common_options
+def pareto_command(
+    config: Path, out: Path | None, force: bool, resume: bool, threads: int | None,
+    seed: int | None, dry_run: bool, form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Pareto front of volume against dexterity by NSGA-II.
+
+    \b
+    Example:
+      pmopt pareto configs/quickstart.toml --out outputs/quickstart
+    """
+    from pmopt.reporting import pareto_run, run_folder, tables
+    from pmopt.synthesis.config import load_config
+
+    run_config = load_config(config)
+    if seed is not None:
+        algorithm = run_config.algorithm.model_copy(update={"seed": seed})
+        run_config = run_config.model_copy(update={"algorithm": algorithm})
+    notify = notifier(quiet)
+    if dry_run:
+        plan = pareto_run.plan(run_config, threads, notify)
+        emit(form, plan.to_dict(), [plan.table()])
+        return
+    if resume and force:
+        raise InputError("--resume and --force exclude each other")
+    if resume and out is None:
+        raise InputError("--resume needs --out, the folder of the run")
+    if out is None:
+        out = run_folder.default_folder("pareto", run_config.mechanism)
+    if resume and pareto_run.finished(run_config, out):
+        notify(f"{out} holds this run, finished: nothing to do")
+        return
+    options.set_resume_hint(f"; continue with: pmopt pareto {config} --out {out} --resume")
+    with _progress(quiet, run_config) as (on_generation, on_measured):
+        run = pareto_run.run_pareto(
+            run_config, out, force=force, resume=resume, threads=threads, notify=notify,
+            on_generation=on_generation, on_measured=on_measured,
+        )  # fmt: skip
+    emit(form, run.to_dict(), tables.pareto_tables(run))
+
+
+@contextmanager
+def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, OnMeasured]]:
+    """Show generation, front size, hypervolume and time left: a bar, or a line now and then."""
+    planned = config.algorithm.generations
+    unit = find(config.mechanism).volume_unit
+    began, first = time.monotonic(), 0
+
+    with progress_bar(quiet, "generation", "generations") as report:
+
+        def on_generation(generation: Generation) -> None:
+            nonlocal first
+            number = generation.number
+            if generation.recorded:
+                first = number
+                return
+            state = f"front {generation.front}, hypervolume {generation.hypervolume:.6g} {unit}"
+            if report is not None:
+                report(number, planned, f"generation {number}/{planned}, {state}")
+            elif not quiet and (number % max(1, planned // 10) == 0 or number == planned):
+                left = (time.monotonic() - began) / (number - first) * (planned - number)
+                text = f"generation {number}/{planned}: {state}, ETA {left:.0f} s"
+                click.echo(text, err=True)
+
+        def on_measured(done: int, count: int) -> None:
+            if report is not None:
+                report(done, count, f"measuring the front, design {done}/{count}")
+            elif not quiet and done == count:
+                click.echo(f"measured the front: {count} designs", err=True)
+
+        yield on_generation, on_measured

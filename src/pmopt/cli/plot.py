@@ -1,0 +1,38 @@
+"""``pmopt plot``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pmopt.cli import options
+from pmopt.cli.output import emit
+from pmopt.files import write_atomic
+
+
+@click.command("plot")
+@click.argument("run", type=click.Path(path_type=Path), metavar="RUN")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder for the pictures. Default: the run's own.")  # fmt: skip
+@options.threads_option
+@options.common_options
+def plot_command(
+    run: Path, out: Path | None, threads: int | None, form: str, quiet: bool, debug: bool
+) -> None:
+    """Draw the pictures of a finished run again, from the files in its folder.
+
+    \b
+    Example:
+      pmopt plot outputs/quickstart --out pictures
+    """
+    from pmopt.reporting import pictures
+    from pmopt.reporting.tables import Table
+
+    folder = out or run
+    drawn = pictures.of_folder(run, threads)
+    for name, data in drawn.items():
+        write_atomic(folder / name, data)
+    written = [str(folder / name) for name in drawn]
+    rows = tuple((path,) for path in written)
+    emit(form, {"written": written}, [Table("Written", ("file",), rows, {})])

@@ -1,0 +1,159 @@
+"""``pmopt ik``, ``pmopt fk`` and ``pmopt jacobian``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from pmopt.analysis import kinematics
+from pmopt.analysis.kinematics import ForwardResult, InverseResult
+from pmopt.cli import options
+from pmopt.cli.output import emit
+from pmopt.errors import InputError, UnreachableError
+from pmopt.mechanisms import Mechanism
+from pmopt.reporting import tables
+
+Result = TypeVar("Result", InverseResult, ForwardResult)
+
+
+def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
+    if bool(inline) == (path is not None):
+        raise InputError(f"{names}: exactly one of the two is needed")
+
+
+def _each(
+    rows: list[dict[str, float]],
+    where: str,
+    solve: Callable[[dict[str, float], str], Result],
+    empty: Callable[[dict[str, float]], Result],
+) -> tuple[list[Result], InputError | None]:
+    """Solve every row; what is out of reach gets no solutions and one error for all."""
+    results, misses = [], []
+    for line, row in enumerate(rows, start=2):
+        try:
+            results.append(solve(row, f"{where}, line {line}"))
+        except UnreachableError as error:
+            misses.append(str(error))
+            results.append(empty(row))
+    error = UnreachableError(f"{misses[0]} ({len(misses)} of {len(rows)} rows)") if misses else None
+    return results, error
+
+
+@click.command("ik")
+@options.mechanism_argument
+@click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="The pose.")
+@click.option("--poses", type=click.Path(path_type=Path), metavar="FILE.csv", help="Many poses.")
+@options.params_option
+@click.option("--working-mode", default="all", show_default=True, help="A working mode, or all.")
+@click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
+              help="Joint limits that within_limits is told by.")  # fmt: skip
+@options.common_options
+def ik_command(
+    mechanism: Mechanism, pose: tuple[str, ...], poses: Path | None, params: tuple[str, ...],
+    working_mode: str, limits: tuple[str, ...], form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Inverse kinematics: the joint positions of a pose in all working modes.
+
+    \b
+    Example:
+      pmopt ik 2pauu-ppap --pose x=0.1,y=0.2,z=1.2
+    """
+    _one_of(pose, poses, "--pose, --poses")
+    given, ranges = options.parse_params(params), options.parse_ranges(limits, "--limits")
+
+    def solve(values: dict[str, Any], where: str) -> InverseResult:
+        return kinematics.inverse_kinematics(
+            mechanism, given, values, working_mode, ranges, where=where
+        )
+
+    if poses is None:
+        result = solve(options.parse_coordinates(pose, "--pose"), "--pose")
+        emit(form, result.to_dict(), [tables.inverse_table([result])])
+        return
+    names = [c.name for c in mechanism.pose]
+    rows = options.read_rows(poses, "--poses", names)
+
+    def empty(values: dict[str, Any]) -> InverseResult:
+        checked = mechanism.check_coordinates(values, mechanism.pose, "--poses")
+        return kinematics.no_inverse(mechanism, checked)
+
+    results, error = _each(rows, f"--poses: {poses}", solve, empty)
+    emit(form, [r.to_dict() for r in results], [tables.inverse_table(results)])
+    if error:
+        raise error
+
+
+@click.command("fk")
+@options.mechanism_argument
+@click.option("--joints", multiple=True, metavar="NAME=VALUE,..", help="The joint positions.")
+@click.option("--joints-file", type=click.Path(path_type=Path), metavar="FILE.csv",
+              help="Many joint positions.")  # fmt: skip
+@options.params_option
+@options.common_options
+def fk_command(
+    mechanism: Mechanism, joints: tuple[str, ...], joints_file: Path | None,
+    params: tuple[str, ...], form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Forward kinematics: all poses the joint positions can be assembled in.
+
+    \b
+    Example:
+      pmopt fk 2pauu-ppap --joints theta1=0.4,theta2=0.1,d=0.2
+    """
+    _one_of(joints, joints_file, "--joints, --joints-file")
+    given = options.parse_params(params)
+
+    def solve(values: dict[str, Any], where: str) -> ForwardResult:
+        return kinematics.forward_kinematics(mechanism, given, values, where)
+
+    if joints_file is None:
+        result = solve(options.parse_coordinates(joints, "--joints"), "--joints")
+        emit(form, result.to_dict(), [tables.forward_table([result])])
+        return
+    names = [c.name for c in mechanism.joints]
+    rows = options.read_rows(joints_file, "--joints-file", names)
+
+    def empty(values: dict[str, Any]) -> ForwardResult:
+        checked = mechanism.check_coordinates(values, mechanism.joints, "--joints-file")
+        return kinematics.no_forward(mechanism, checked)
+
+    results, error = _each(rows, f"--joints-file: {joints_file}", solve, empty)
+    emit(form, [r.to_dict() for r in results], [tables.forward_table(results)])
+    if error:
+        raise error
+
+
+@click.command("jacobian")
+@options.mechanism_argument
+@click.option("--pose", multiple=True, required=True, metavar="NAME=VALUE,..", help="The pose.")
+@options.params_option
+@click.option("--working-mode", help="Default: the mechanism's first.")
+@options.jacobian_options[0]
+@options.jacobian_options[1]
+@options.jacobian_options[2]
+@options.common_options
+def jacobian_command(
+    mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
+    working_mode: str | None, kind: Any, characteristic_length: float | None, norm: str,
+    form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Jacobian, singular values, LCI and the distance to singularities at a pose.
+
+    \b
+    Example:
+      pmopt jacobian 2pauu-ppap --pose x=0.1,y=0.2,z=1.2
+    """
+    result = kinematics.jacobian_at(
+        mechanism,
+        options.parse_params(params),
+        options.parse_coordinates(pose, "--pose"),
+        working_mode,
+        kind=kind,
+        characteristic_length=characteristic_length,
+        norm=norm,
+        where="--pose",
+    )
+    emit(form, result.to_dict(), tables.jacobian_tables(result))

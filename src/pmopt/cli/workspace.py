@@ -1,0 +1,123 @@
+"""``pmopt workspace``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pmopt.cli import options
+from pmopt.cli.output import emit, notifier, progress_bar
+from pmopt.mechanisms import Mechanism
+
+
+@click.command("workspace")
+@options.mechanism_argument
+@options.params_option
+@click.option(
+    "--samples",
+    type=int,
+    metavar="N",
+    help="Sample points, all replicates together. Default: 4194304.",
+)
+@click.option(
+    "--sampler",
+    type=click.Choice(["r-sequence", "sobol", "monte-carlo"]),
+    help="Default: r-sequence.",
+)
+@click.option(
+    "--replicates",
+    type=int,
+    metavar="N",
+    help="Independent randomisations behind the error estimates. Default: about 16.",
+)
+@click.option("--grid", type=int, metavar="N", help="Midpoint grid of N cells an axis instead.")
+@click.option(
+    "--target-error",
+    type=float,
+    metavar="X",
+    help="Sample until volume and GCI have this relative standard error.",
+)
+@options.seed_option
+@click.option("--working-mode", metavar="MODE", help="See pmopt info MECH. Default: its first.")
+@options.jacobian_options[0]
+@options.jacobian_options[1]
+@options.jacobian_options[2]
+@click.option("--min-lci", type=float, metavar="X", help="Poses with a smaller LCI do not count.")
+@click.option(
+    "--regions", metavar="0,..,1", help="Edges of the dexterity regions. Default: 0,0.1,0.3,1."
+)
+@click.option(
+    "--domain",
+    multiple=True,
+    metavar="COORD=LOWER:UPPER,..",
+    help="Bounds on pose coordinates; inf is allowed.",
+)
+@click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
+@click.option(
+    "--shape-grid",
+    type=click.IntRange(0, 1000),
+    metavar="N",
+    help="Cells an axis on which pieces and voids are counted; 0: not at all. Default: 96.",
+)
+@options.threads_option
+@options.out_options
+@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@options.common_options
+def workspace_command(
+    mechanism: Mechanism, params: tuple[str, ...], samples: int | None, sampler: str | None,
+    replicates: int | None, grid: int | None, target_error: float | None, seed: int,
+    working_mode: str | None, kind: str | None, characteristic_length: float | None, norm: str,
+    min_lci: float | None, regions: str | None, domain: tuple[str, ...], limits: tuple[str, ...],
+    shape_grid: int | None, threads: int | None, out: Path | None, force: bool, dry_run: bool,
+    form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Volume, dexterity (LCI, GCI, regions) and shape of a workspace, each with its error.
+
+    \b
+    Example:
+      pmopt workspace 2pauu-ppap --params m=1,n=0.7,l1=0.65,l2=1.5,c=0.1
+    """
+    from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.analysis.shape import DEFAULT_GRID
+    from pmopt.analysis.validation import validated
+    from pmopt.reporting import tables, workspace_run
+
+    given: dict[str, Any] = {
+        "samples": samples,
+        "sampler": sampler,
+        "replicates": replicates,
+        "grid": grid,
+        "target_error": target_error,
+        "working_mode": working_mode,
+        "norm": norm,
+        "jacobian": kind,
+        "characteristic_length": characteristic_length,
+        "min_lci": min_lci,
+        "regions": None if regions is None else options.parse_edges(regions),
+        "domain": options.parse_ranges(domain, "--domain"),
+        "limits": options.parse_ranges(limits, "--limits"),
+    }
+    settings = validated(
+        WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"
+    )
+    task = workspace_run.WorkspaceTask(
+        mechanism,
+        mechanism.resolve(options.parse_params(params), "--params"),
+        settings,
+        seed,
+        DEFAULT_GRID if shape_grid is None else shape_grid,
+    )
+    notify = notifier(quiet)
+    if dry_run:
+        plan = workspace_run.plan(task, threads, notify)
+        emit(form, plan.to_dict(), [plan.table()])
+        return
+    with progress_bar(quiet, f"workspace {mechanism.name}", "points") as progress:
+        result = workspace_run.run_workspace(
+            task, out, force=force, threads=threads, notify=notify, progress=progress
+        )
+    emit(form, result.to_dict(), tables.workspace_tables(result))
+    if out is not None:
+        notify(f"written to {out}")

@@ -1,0 +1,230 @@
+"""What pictures of a workspace show: sections through it and its surface, coloured by LCI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.analysis.shape import grid_points
+from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.reporting.surface import surface_nets
+
+#: Grid on which the workspace is located within its box; odd, so that a plane is in the middle.
+_LOCATE = 97
+#: A workspace counts as symmetric if mirrored areas differ by less than this share of it.
+_SYMMETRIC = 0.02
+#: A section shows something if it has at least this share of the largest section's area.
+_INFORMATIVE = 0.5
+#: A cut leaves at least this share of the width on either side, else nothing is cut away.
+_CUT_MARGIN = 0.1
+#: Least grid cells along a side, however short.
+_LEAST_CELLS = 12
+
+
+@dataclass(frozen=True)
+class Section:
+    """An axis-aligned section through a workspace.
+
+    Attributes
+    ----------
+    normal, normal_unit : str
+        Name and unit of the coordinate that is constant.
+    level : float
+        Its value.
+    names, units : tuple of str
+        Horizontal and vertical coordinate.
+    horizontal, vertical : (n,) float64
+        Their values; empty where the box is.
+    lci : (n, n) float64
+        Rows along the vertical coordinate; NaN where unreachable.
+    inside : (n, n) float64
+        A continuous field, >= 0 where reachable.
+    """
+
+    normal: str
+    normal_unit: str
+    level: float
+    names: tuple[str, str]
+    units: tuple[str, str]
+    horizontal: NDArray[np.float64]
+    vertical: NDArray[np.float64]
+    lci: NDArray[np.float64]
+    inside: NDArray[np.float64]
+
+    @property
+    def title(self) -> str:
+        """The plane, e.g. ``y = 0 m``."""
+        return f"{self.normal} = {self.level:.4g} {self.normal_unit}"
+
+
+@dataclass(frozen=True)
+class SurfaceMesh:
+    """The surface of a workspace whose front half is cut away.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+        The three coordinates.
+    vertices : (V, 3) float64
+    faces : (F, 4) intp
+        Outward; F = 0 where nothing is reachable.
+    lci : (F,) float64
+        At the middle of each face.
+    cut : str
+        The plane of the cut, e.g. ``y = 0 m``; empty where nothing is cut away.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.intp]
+    lci: NDArray[np.float64]
+    cut: str
+
+
+@dataclass(frozen=True)
+class _Location:
+    """A box around what is reachable and, for each coordinate, a level that shows much of it."""
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    levels: tuple[float, ...]
+
+
+def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> tuple[Section, ...]:
+    """Return three sections, one across each coordinate; () unless there are three.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    resolution : int
+        Points along each axis of a section.
+    """
+    pose = sweeper.mechanism.pose
+    if len(pose) != 3:
+        return ()
+    place = _locate(sweeper, design)
+    sections = []
+    for normal, level in enumerate(place.levels):
+        across, up = (k for k in range(3) if k != normal)
+        count = resolution if design.box_volume > 0 else 0
+        axes = [np.linspace(place.lower[k], place.upper[k], count) for k in (across, up)]
+        poses = np.empty((3, count * count))
+        poses[normal] = level
+        poses[across], poses[up] = (a.ravel() for a in np.meshgrid(*axes))
+        inside, lci = (v.reshape(count, count) for v in _inside(sweeper, design, poses))
+        sections.append(
+            Section(
+                normal=pose[normal].name,
+                normal_unit=sweeper.mechanism.unit(pose[normal]),
+                level=level,
+                names=(pose[across].name, pose[up].name),
+                units=(sweeper.mechanism.unit(pose[across]), sweeper.mechanism.unit(pose[up])),
+                horizontal=axes[0],
+                vertical=axes[1],
+                lci=np.where(inside >= 0, lci, np.nan),
+                inside=inside,
+            )
+        )
+    return tuple(sections)
+
+
+def surface_field(sweeper: Sweeper, design: Design, cells: int = 72) -> SurfaceMesh | None:
+    """Return the surface behind a cut across the second coordinate; None unless there are three.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    cells : int
+        Grid cells along the longest side.
+    """
+    mechanism = sweeper.mechanism
+    if len(mechanism.pose) != 3:
+        return None
+    place = _locate(sweeper, design)
+    lower, width, level = place.lower.copy(), place.upper - place.lower, place.levels[1]
+    units = tuple(mechanism.unit(c) for c in mechanism.pose)
+    cut = ""
+    if abs((level - lower[1]) / (width[1] or 1.0) - 0.5) <= 0.5 - _CUT_MARGIN:
+        cut = f"{mechanism.pose[1].name} = {level:.4g} {units[1]}"
+        # Starting the grid at the cut makes the cut a face of the box, flat and exactly in place.
+        lower[1] = level
+    vertices, faces = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp)
+    if design.box_volume > 0:
+        sides = place.upper - lower
+        counts = np.full(3, cells)
+        if len(set(units)) == 1:
+            counts = np.ceil(np.maximum(cells * sides / sides.max(), _LEAST_CELLS)).astype(int)
+        axes = [
+            np.linspace(a, b, n + 1) for a, b, n in zip(lower, place.upper, counts, strict=True)
+        ]
+        poses = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
+        inside = _inside(sweeper, design, poses)[0].reshape(counts + 1)
+        vertices, faces = surface_nets(inside, axes)
+    centres = vertices[faces].mean(axis=1)
+    return SurfaceMesh(
+        names=tuple(c.name for c in mechanism.pose),
+        units=units,
+        vertices=vertices,
+        faces=faces,
+        lci=_inside(sweeper, design, np.ascontiguousarray(centres.T))[1],
+        cut=cut,
+    )
+
+
+def _inside(
+    sweeper: Sweeper, design: Design, poses: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a field that is >= 0 where margin and LCI allow a pose, and the LCI."""
+    margin, lci = sweeper.field(design, poses)
+    least = sweeper.settings.min_lci
+    if least == 0 or margin.size == 0:
+        return margin, lci
+    # Scaled, neither part dominates where the field is interpolated.
+    return np.minimum(margin / np.abs(margin).max(), lci - least), lci
+
+
+def _locate(sweeper: Sweeper, design: Design) -> _Location:
+    """Find what is reachable within a design's box."""
+    lower, upper = design.lower, design.lower + design.width
+    middle = (lower + upper) / 2
+    reachable = np.zeros((_LOCATE,) * 3, dtype=bool)
+    if design.box_volume > 0:
+        inside, _ = _inside(sweeper, design, grid_points(design, _LOCATE))
+        reachable = (inside >= 0).reshape(reachable.shape)
+    if not reachable.any():
+        return _Location(lower, upper, tuple(middle.tolist()))
+    first, last = np.empty(3), np.empty(3)
+    levels = []
+    for k in range(3):
+        areas = reachable.sum(axis=tuple(i for i in range(3) if i != k)).astype(float)
+        planes = np.linspace(lower[k], upper[k], _LOCATE)
+        some = np.flatnonzero(areas)
+        # The boundary lies up to a step beyond the outermost reachable points.
+        first[k] = planes[max(some[0] - 1, 0)]
+        last[k] = planes[min(some[-1] + 1, _LOCATE - 1)]
+        levels.append(_level(planes, areas))
+    return _Location(first, last, tuple(levels))
+
+
+def _level(planes: NDArray[np.float64], areas: NDArray[np.float64]) -> float:
+    """Choose where to cut: the middle of a symmetric workspace, else its centroid, rounded.
+
+    A plane that meets little of the workspace gives way to the one that meets most.
+    """
+
+    def informative(level: float) -> bool:
+        return float(np.interp(level, planes, areas)) >= _INFORMATIVE * areas.max()
+
+    if np.abs(areas - areas[::-1]).sum() <= _SYMMETRIC * areas.sum():
+        level = float(planes[0] + planes[-1]) / 2
+    else:
+        level = float((planes * areas).sum() / areas.sum())
+        step = 10.0 ** math.floor(math.log10(planes[-1] - planes[0])) / 20
+        level = round(level / step) * step
+    return level if informative(level) else float(planes[np.argmax(areas)])

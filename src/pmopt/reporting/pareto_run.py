@@ -1,0 +1,287 @@
+"""A whole ``pmopt pareto`` run: search, checkpoints, fine measurement, files."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pmopt
+from pmopt.analysis.sweeper import Notify
+from pmopt.errors import InfeasibleError, InputError
+from pmopt.reporting import run_folder
+from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.workspace_run import PLAN_UNITS, Plan
+from pmopt.synthesis.checkpoint import Checkpoint, plain
+from pmopt.synthesis.config import RunConfig
+from pmopt.synthesis.front import Front, FrontDesign, measure_front
+from pmopt.synthesis.optimise import Generation, Optimisation, require_feasible
+from pmopt.synthesis.problem import DesignProblem, Evaluations
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+OnGeneration = Callable[[Generation], None]
+OnMeasured = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class ParetoRun:
+    """A finished run.
+
+    Attributes
+    ----------
+    folder : Path or None
+        None where nothing was written.
+    front : Front
+    history, evaluations : pandas.DataFrame
+    """
+
+    folder: Path | None
+    front: Front
+    tables: dict[str, pd.DataFrame]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        out = None if self.folder is None else str(self.folder)
+        return {"out": out, **self.front.to_dict()}
+
+
+def run_pareto(
+    config: RunConfig,
+    out: Path | None = None,
+    *,
+    force: bool = False,
+    resume: bool = False,
+    threads: int | None = None,
+    notify: Notify | None = None,
+    on_generation: OnGeneration | None = None,
+    on_measured: OnMeasured | None = None,
+) -> ParetoRun:
+    """Search for the front, measure it and write the run's folder.
+
+    Parameters
+    ----------
+    config : RunConfig
+        Resolved.
+    out : Path, optional
+        The run's folder; None writes nothing.
+    force : bool
+        Overwrite a run in the folder.
+    resume : bool
+        Take up the run in the folder, if there is one.
+
+    Raises
+    ------
+    InputError
+        When the folder holds a run, or one of another configuration.
+    InfeasibleError
+        When no design is feasible.
+    """
+    begun = out is not None and Checkpoint.exists(out)
+    folder = None
+    if out is not None:
+        folder = RunFolder(out, force or resume, interrupted=begun)
+    problem = DesignProblem(config, threads, notify)
+    checkpoint, recorded = None, []
+    if folder is not None:
+        checkpoint = Checkpoint(folder.path, problem, pmopt.__version__)
+        if resume and begun:
+            recorded = checkpoint.resume()
+            folder.open()
+        else:
+            folder.open()
+            checkpoint.start()
+    optimisation = Optimisation(problem)
+    generations = []
+    for generation in optimisation.generations(recorded):
+        if checkpoint is not None and not generation.recorded:
+            checkpoint.save(generation.number, generation.evaluated)
+        generations.append(generation)
+        if on_generation:
+            on_generation(generation)
+    evaluated = optimisation.evaluated
+    tables = {
+        "history": history_table(problem, generations),
+        "evaluations": evaluations_table(problem, generations, evaluated),
+    }
+    try:
+        require_feasible(problem, evaluated)
+    except InfeasibleError:
+        if folder is not None:
+            folder.write("evaluations.csv", to_csv(tables["evaluations"]))
+        raise
+    front = measure_front(problem, optimisation.front_variables, on_measured)
+    if not front.designs:
+        raise InfeasibleError(
+            "no feasible design: none of the search's front keeps the constraints when measured "
+            "finely; more samples or looser constraints are needed"
+        )
+    tables["front"] = front_table(front)
+    tables["regions"] = regions_table(front, config)
+    if folder is not None:
+        write_run(folder, config, front, tables, checkpoint.resumes if checkpoint else [])
+    return ParetoRun(out, front, tables)
+
+
+def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
+    """Measure a few generations of a small population and scale them to the run."""
+    settings = config.algorithm
+    population = min(settings.population, 100)
+    probe = config.model_copy(
+        update={
+            "algorithm": settings.model_copy(update={"population": population, "generations": 4})
+        }
+    )
+    optimisation = Optimisation(DesignProblem(probe, threads, notify))
+    times = []
+    for _ in optimisation.generations():
+        times.append(time.perf_counter())
+    each = (times[-1] - times[0]) / (len(times) - 1) / population
+    began = time.perf_counter()
+    optimisation.problem.measure(optimisation.evaluated.variables[0])
+    final = (time.perf_counter() - began) * settings.population
+    designs = settings.population * settings.generations
+    what = (
+        f"pareto {config.mechanism}: {settings.name}, population {settings.population}, "
+        f"{settings.generations} generations"
+    )
+    points = float(designs) * (config.workspace.samples or 0)
+    return Plan(what, points, each * designs + final, PLAN_UNITS)
+
+
+def finished(config: RunConfig, out: Path) -> bool:
+    """Return whether a folder holds this very run, finished.
+
+    Raises
+    ------
+    InputError
+        When it holds a finished run of another kind.
+    """
+    manifest = run_folder.read_manifest(out)
+    if manifest is None:
+        return False
+    if manifest["command"] != "pareto":
+        raise InputError(f"--out: {out} holds a finished {manifest['command']} run, not pareto")
+    return bool(manifest.get("config") == plain(config))
+
+
+def write_run(
+    folder: RunFolder,
+    config: RunConfig,
+    front: Front,
+    tables: dict[str, pd.DataFrame],
+    resumes: list[int],
+) -> None:
+    """Write tables, pictures and the manifest."""
+    from pmopt.reporting import pictures
+
+    document = {
+        "mechanism": config.mechanism,
+        "config": plain(config),
+        "seed": config.algorithm.seed,
+        "result": front.to_dict(),
+        "resumes": resumes,
+        "units": front.units,
+    }
+    for name in ("front", "regions", "history", "evaluations"):
+        folder.write(f"{name}.csv", to_csv(tables[name]))
+    for name, data in pictures.of_pareto(tables, front.units, document).items():
+        folder.write(name, data)
+    folder.close("pareto", document)
+
+
+def to_csv(table: pd.DataFrame) -> str:
+    """Return a table as CSV: comma, dot, floats in shortest round-trip form."""
+    return str(table.to_csv(index=False, lineterminator="\n"))
+
+
+def front_table(front: Front) -> pd.DataFrame:
+    """Return the front, a row a design; unset parameters have no column."""
+    import pandas as pd
+
+    return pd.DataFrame(
+        [
+            {
+                "design": d.number,
+                **{k: v for k, v in d.parameters.items() if v is not None},
+                **_with_errors(d),
+                **d.slack,
+            }
+            for d in front.designs
+        ]
+    )
+
+
+def _with_errors(design: FrontDesign) -> dict[str, float]:
+    """Return each objective followed by its error."""
+    return {
+        name: value
+        for k, v in design.objectives.items()
+        for name, value in ((k, v), (f"{k}_error", design.errors[k]))
+    }
+
+
+def regions_table(front: Front, config: RunConfig) -> pd.DataFrame:
+    """Return the dexterity regions of every design on the front."""
+    import pandas as pd
+
+    edges = config.workspace.regions
+    return pd.DataFrame(
+        [
+            {
+                "design": d.number,
+                "lower": low,
+                "upper": high,
+                "volume": volume.value,
+                "share": share.value,
+                "volume_error": volume.error,
+                "share_error": share.error,
+            }
+            for d in front.designs
+            for low, high, volume, share in zip(
+                edges[:-1], edges[1:], d.estimates.region_volumes, d.estimates.region_shares,
+                strict=True,
+            )
+        ]
+    )  # fmt: skip
+
+
+def history_table(problem: DesignProblem, generations: list[Generation]) -> pd.DataFrame:
+    """Return the course of the search, a row a generation."""
+    import pandas as pd
+
+    return pd.DataFrame(
+        [
+            {
+                "generation": g.number,
+                "evaluations": g.evaluations,
+                "feasible": g.feasible,
+                "hypervolume": g.hypervolume,
+                **{f"{k}_best": v for k, v in zip(problem.objectives, g.best, strict=True)},
+            }
+            for g in generations
+        ]
+    )
+
+
+def evaluations_table(
+    problem: DesignProblem, generations: list[Generation], evaluated: Evaluations
+) -> pd.DataFrame:
+    """Return every design evaluated, in order."""
+    import numpy as np
+    import pandas as pd
+
+    columns = [
+        *problem.variables,
+        *problem.objectives,
+        *(f"{name}_error" for name in problem.objectives),
+        *problem.constraints,
+    ]
+    table = pd.DataFrame(evaluated.table(), columns=columns)
+    counts = [len(g.evaluated) for g in generations]
+    table.insert(0, "generation", np.repeat([g.number for g in generations], counts))
+    table["feasible"] = evaluated.feasible.astype(int)
+    return table

@@ -1,0 +1,105 @@
+"""The pictures of a run, from its results or from the files of its folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace import WorkspaceResult, compute_workspace
+from pmopt.errors import InputError
+from pmopt.reporting import plots
+from pmopt.reporting.fields import section_fields, surface_field
+from pmopt.reporting.run_folder import read_manifest
+from pmopt.reporting.workspace_run import WorkspaceTask
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas as pd
+
+
+def of_workspace(
+    task: WorkspaceTask, result: WorkspaceResult, threads: int | None = None
+) -> dict[str, bytes]:
+    """Return histogram, 3-D picture and sections by file name."""
+    sweeper = Sweeper(task.mechanism, task.settings, task.seed, threads)
+    design = sweeper.design(task.parameters)
+    drawn = {"lci_histogram.png": plots.draw_histogram(result)}
+    mesh, sections = surface_field(sweeper, design), section_fields(sweeper, design)
+    if mesh is not None:
+        drawn["workspace.png"] = plots.draw_surface(mesh, result)
+    if sections:
+        drawn["sections.png"] = plots.draw_sections(sections, result)
+    return drawn
+
+
+def of_pareto(
+    tables: Mapping[str, pd.DataFrame], units: Mapping[str, str], manifest: Mapping[str, Any]
+) -> dict[str, bytes]:
+    """Return front and course of the search by file name.
+
+    Parameters
+    ----------
+    tables : mapping
+        ``front`` and ``history`` as their CSV files have them.
+    units : mapping
+        Unit by column name.
+    manifest : mapping
+        ``mechanism``, ``config`` and ``result`` of the run's manifest.
+    """
+    front, history = tables["front"], tables["history"]
+    first, second = manifest["config"]["objectives"]
+    parameters = [name for name in manifest["config"]["parameters"] if name in front]
+    ranges = manifest["config"]["parameters"]
+    # The variable that differs most along the front, relative to its range, tells its ends apart.
+    variables = [name for name in parameters if isinstance(ranges[name], list | tuple)]
+    spread = {
+        name: abs(front[name].iloc[0] - front[name].iloc[-1]) / (ranges[name][1] - ranges[name][0])
+        for name in variables
+    }
+    title = f"{manifest['mechanism']}: Pareto front, {len(front)} designs"
+    return {
+        "front.png": plots.draw_front(
+            {name: front[name].to_numpy() for name in front},
+            units,
+            parameters,
+            (first, second),
+            title=title,
+            knee=int(manifest["result"]["knee"]["design"]) - 1,
+            colour_by=max(spread, key=lambda name: spread[name]),
+        ),
+        "history.png": plots.draw_history(
+            {name: history[name].to_numpy() for name in history},
+            units,
+            (first, second),
+            title=f"{manifest['mechanism']}: course of the search",
+        ),
+    }
+
+
+def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
+    """Return the pictures of a finished run, drawn anew from its folder.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no finished run, or its files are not what the manifest says.
+    """
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise InputError(f"{folder}: holds no finished run (no manifest.json)")
+    try:
+        if manifest["command"] == "workspace":
+            task = WorkspaceTask.from_dict(manifest["config"], str(folder))
+            result = compute_workspace(
+                task.mechanism, task.parameters, task.settings, seed=task.seed, threads=threads,
+                shape_grid=0,
+            )  # fmt: skip
+            return of_workspace(task, result, threads)
+        import pandas as pd
+
+        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("front", "history")}
+        return of_pareto(tables, manifest["units"], manifest)
+    except (OSError, KeyError, ValueError, IndexError, TypeError) as error:
+        raise InputError(f"{folder}: the run's files are damaged: {error}") from None

@@ -1,0 +1,62 @@
+"""A commented configuration to start from."""
+
+from __future__ import annotations
+
+from pmopt.mechanisms import Mechanism
+
+
+def starting_config(mechanism: Mechanism) -> str:
+    """Return the text of a ``pmopt pareto`` configuration for a mechanism."""
+    unit = mechanism.length_unit
+    parameters = []
+    for p in mechanism.parameters:
+        note = f"{p.meaning}, {mechanism.unit(p)}"
+        if p.bounds is None:
+            parameters.append(f"# {p.name} = ...  # {note}")
+        else:
+            parameters.append(f"{p.name} = [{p.bounds[0]}, {p.bounds[1]}]  # {note}")
+    coordinate, joint = mechanism.pose[-1], mechanism.joints[0]
+    return f"""\
+# Pareto front of {mechanism.title}. Run it with: pmopt pareto THIS-FILE
+# What is commented out shows a default or an example.
+
+mechanism = "{mechanism.name}"
+objectives = ["volume", "gci"]  # both are maximised
+
+[parameters]  # a range is a variable, a number is fixed, absent = the mechanism's own bounds
+{chr(10).join(parameters)}
+
+[workspace]
+samples = 20_000  # of each design during the search; or grid = 40, or target_error = 1e-2
+# sampler = "r-sequence"  # or "sobol", "monte-carlo"
+# working_mode = "{mechanism.working_modes[0]}"  # of {", ".join(mechanism.working_modes)}
+# norm = "2"  # or "fro"
+# jacobian = "{mechanism.default_jacobian}"  # or "{_other(mechanism)}"
+# characteristic_length = 1.0  # {unit}; default: {mechanism.length_meaning}
+# min_lci = 0.0  # poses with a smaller index do not count
+# regions = [0.0, 0.1, 0.3, 1.0]  # edges of the dexterity regions
+
+[workspace.domain]  # bounds on pose coordinates
+# {coordinate.name} = [0.5, 1.5]  # {mechanism.unit(coordinate)}
+
+[workspace.limits]  # bounds on joints
+# {joint.name} = [-1.5, 1.5]  # {mechanism.unit(joint)}
+
+[algorithm]
+name = "nsga2"
+population = 200
+generations = 200
+crossover_eta = 20
+mutation_eta = 20
+seed = 1
+
+[constraints]
+# gci = {{ min = 0.2 }}
+
+[final]  # how finely the designs of the front are measured at the end
+target_error = 5e-4  # relative standard error of volume and GCI
+"""
+
+
+def _other(mechanism: Mechanism) -> str:
+    return "homogenized" if mechanism.default_jacobian == "raw" else "raw"

@@ -1,0 +1,295 @@
+"""Results as tables: heads with units for people, bare names for CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pmopt.units import ONE
+
+if TYPE_CHECKING:
+    from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult
+    from pmopt.analysis.workspace import WorkspaceResult
+    from pmopt.mechanisms import Mechanism
+    from pmopt.reporting.pareto_run import ParetoRun
+
+Cell = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under named columns.
+
+    ``units`` are by column name, ``notes`` are lines below, ``display`` stands for the rows where
+    people read them, e.g. with values rounded to their errors.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    units: dict[str, str]
+    notes: tuple[str, ...] = ()
+    display: tuple[tuple[Cell, ...], ...] = ()
+
+    def heads(self) -> list[str]:
+        """Return the column names with their units."""
+        return [
+            f"{c} ({self.units[c]})" if self.units.get(c, ONE) != ONE else c for c in self.columns
+        ]
+
+
+def to_json(document: Any) -> str:
+    """Return a document as JSON text, floats in shortest round-trip form."""
+    return json.dumps(document, indent=2, allow_nan=False)
+
+
+def to_csv(tables: Sequence[Table]) -> str:
+    """Return the first table as CSV."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(tables[0].columns)
+    for row in tables[0].rows:
+        writer.writerow(["" if cell is None else _csv_cell(cell) for cell in row])
+    return stream.getvalue().rstrip("\n")
+
+
+def _csv_cell(cell: Cell) -> str:
+    if isinstance(cell, bool):
+        return str(cell).lower()
+    return repr(cell) if isinstance(cell, float) else str(cell)
+
+
+def shown(cell: Cell) -> str:
+    """Return a cell as a table shows it."""
+    if cell is None:
+        return "-"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+
+
+def with_error(value: float, error: float) -> tuple[str, str]:
+    """Return a value rounded to its error's second digit, and the error with two digits."""
+    if math.isnan(value):
+        return "-", "-"
+    if not error > 0:
+        return f"{value:.6g}", "0"
+    digits = min(12, max(0, 1 - math.floor(math.log10(error))))
+    return f"{value:.{digits}f}", f"{error:.2g}"
+
+
+def mechanisms_table(mechanisms: Sequence[Mechanism]) -> Table:
+    """Return the catalogue."""
+    rows = tuple((m.name, m.freedom, m.length_unit, m.description) for m in mechanisms)
+    return Table("Mechanisms", ("name", "freedom", "length_unit", "description"), rows, {})
+
+
+def mechanism_document(m: Mechanism) -> dict[str, Any]:
+    """Return all a mechanism declares, as JSON has it."""
+    limits = [f"{p.name}: {p.meaning}" for p in m.parameters if p.optional]
+    return {
+        "mechanism": m.name,
+        "title": m.title,
+        "description": m.description,
+        "source": m.source,
+        "freedom": m.freedom,
+        "length_unit": m.length_unit,
+        "limbs": [
+            {"name": x.name, "joints": x.joints, "description": x.description} for x in m.limbs
+        ],
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": m.unit(p),
+                "default": p.default,
+                "bounds": None if p.bounds is None else list(p.bounds),
+                "allowed": p.allowed(),
+                "meaning": p.meaning,
+                "source": p.source,
+            }
+            for p in m.parameters
+        ],
+        "pose": [{"name": c.name, "unit": m.unit(c), "meaning": c.meaning} for c in m.pose],
+        "joints": [{"name": c.name, "unit": m.unit(c), "meaning": c.meaning} for c in m.joints],
+        "working_modes": list(m.working_modes),
+        "limits": limits,
+        "jacobian": m.default_jacobian,
+        "characteristic_length": m.length_meaning,
+    }
+
+
+def mechanism_tables(m: Mechanism) -> list[Table]:
+    """Return what a mechanism declares, parameters first."""
+    parameters = tuple(
+        (
+            p.name,
+            m.unit(p),
+            p.default,
+            "-" if p.bounds is None else f"{p.bounds[0]:g} .. {p.bounds[1]:g}",
+            p.meaning,
+            p.source,
+        )
+        for p in m.parameters
+    )
+    names = ("name", "unit", "default", "bounds", "meaning", "source")
+    coordinates = tuple(
+        (kind, c.name, m.unit(c), c.meaning)
+        for kind, group in (("pose", m.pose), ("actuated joint", m.joints))
+        for c in group
+    )
+    modes = f"working modes: {', '.join(m.working_modes)} (first one is the default)"
+    return [
+        Table(f"{m.title}: {m.description}", names, parameters, {},
+              (f"source: {m.source}", "limits: none on joints unless given")),
+        Table("Coordinates", ("kind", "name", "unit", "meaning"), coordinates, {}),
+        Table("Limbs", ("limb", "joints", "description"),
+              tuple((x.name, x.joints, x.description) for x in m.limbs), {},
+              (modes, f"LCI: {m.default_jacobian} by default; homogenized by {m.length_meaning}")),
+    ]  # fmt: skip
+
+
+def inverse_table(results: Sequence[InverseResult]) -> Table:
+    """Return branches, a row each; several poses are numbered."""
+    first = results[0]
+    joints = [c for c in first.units if c not in first.pose]
+    poses = list(first.pose) if len(results) > 1 else []
+    columns = (*(["row"] if poses else []), *poses, "working_mode", *joints, "within_limits")
+    rows = []
+    for number, result in enumerate(results, start=1):
+        head = [number, *result.pose.values()] if poses else []
+        branches = [
+            [s.working_mode, *(s.joints[j] for j in joints), inside]
+            for s, inside in zip(result.solutions, result.within_limits, strict=True)
+        ] or [[None] * (len(joints) + 2)]
+        rows += [(*head, *branch) for branch in branches]
+    pose = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.pose.items())
+    title = f"{first.mechanism}, {len(results)} poses" if poses else f"{first.mechanism}, {pose}"
+    return Table(title, columns, tuple(rows), first.units)
+
+
+def forward_table(results: Sequence[ForwardResult]) -> Table:
+    """Return assembly modes, a row each; several joint positions are numbered."""
+    first = results[0]
+    poses = [c for c in first.units if c not in first.joints and c != "residual"]
+    joints = list(first.joints) if len(results) > 1 else []
+    columns = (*(["row"] if joints else []), *joints, *poses, "residual")
+    rows = []
+    for number, result in enumerate(results, start=1):
+        head = [number, *result.joints.values()] if joints else []
+        modes = [[*(s.pose[c] for c in poses), s.residual] for s in result.solutions] or [
+            [None] * (len(poses) + 1)
+        ]
+        rows += [(*head, *mode) for mode in modes]
+    given = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.joints.items())
+    title = f"{first.mechanism}, {len(results)} rows" if joints else f"{first.mechanism}, {given}"
+    return Table(title, columns, tuple(rows), first.units)
+
+
+def jacobian_tables(result: JacobianResult) -> list[Table]:
+    """Return indices first, then the matrices."""
+    unit = result.units["characteristic_length"]
+    values = result.singular_values
+    rows: list[tuple[Cell, ...]] = [
+        (f"lci ({result.kind}, {result.norm}-norm)", result.lci, "1"),
+        ("lci_raw", result.lci_raw, "1"),
+        ("lci_homogenized", result.lci_homogenized, "1"),
+        ("characteristic_length", result.characteristic_length, unit),
+        *((f"singular value {i}", float(v), "mixed" if "mixed" in result.units["singular_values"]
+           else "1") for i, v in enumerate(() if values is None else values, start=1)),
+        *((f"distance to type 1, {k}", v, unit) for k, v in result.inverse_distance.items()),
+        *((f"determinant type 1, {k}", v, "1") for k, v in result.inverse_measure.items()),
+        *((f"determinant type 2, {k}", v, "1") for k, v in result.forward_measure.items()),
+    ]  # fmt: skip
+    singular = f"singular: {'; '.join(result.singular)}" if result.singular else "not singular"
+    note = str(result.to_dict()["index_note"])
+    tables = [
+        Table(f"{result.mechanism}, {result.working_mode}", ("quantity", "value", "unit"),
+              tuple(rows), {}, (singular, f"LCI of the {note}")),
+    ]  # fmt: skip
+    matrices = (("J_X", result.j_x), ("J_q", result.j_q), ("J", result.jacobian))
+    for name, matrix in matrices:
+        if matrix is not None:
+            columns = tuple(f"column {i + 1}" for i in range(matrix.shape[1]))
+            body = tuple(tuple(row) for row in matrix.tolist())
+            tables.append(Table(f"{name} ({result.units[name]})", columns, body, {}))
+    return tables
+
+
+def workspace_tables(result: WorkspaceResult) -> list[Table]:
+    """Return every sampled number with its error, then the shape."""
+    unit = result.volume_unit
+    quantiles = zip((0.05, 0.5, 0.95), result.quantiles, strict=True)
+    entries = [
+        ("volume", result.volume, unit),
+        ("gci", result.gci, ONE),
+        ("lci min", result.smallest, ONE),
+        *((f"lci quantile {q:g}", e, ONE) for q, e in quantiles),
+        ("lci max", result.largest, ONE),
+    ]
+    for region in result.regions:
+        name = f"{region.lower:g} <= lci < {region.upper:g}"
+        entries.append((f"volume, {name}", region.volume, unit))
+        entries.append((f"share, {name}", region.share, ONE))
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (name, e.value if e.value == e.value else None, e.error if e.error == e.error else None, u)
+        for name, e, u in entries
+    )
+    display = tuple((name, *with_error(e.value, e.error), u) for name, e, u in entries)
+    design = ", ".join(
+        f"{k} = {v:g} {result.units[k]}" for k, v in result.params.items() if v is not None
+    )
+    sampler = f"{result.grid} cells an axis" if result.grid else f"{result.replicates} replicates"
+    notes = (
+        f"{result.samples} samples ({result.sampler}, {sampler}, seed {result.seed}), "
+        f"{result.reachable} reachable; working mode {result.working_mode}",
+        f"LCI of the {result.index_note}; {result.norm}-norm",
+    )
+    tables = [
+        Table(f"{result.mechanism}: {design}", ("quantity", "value", "standard_error", "unit"),
+              rows, {}, notes, display),
+    ]  # fmt: skip
+    if result.shape:
+        names = ["workspace", *(f"{r.lower:g} <= lci < {r.upper:g}" for r in result.regions)]
+        shapes = (result.shape.workspace, *result.shape.regions)
+        tables.append(
+            Table(
+                f"Shape, counted on {result.shape.grid} cells an axis",
+                ("set", "pieces", "voids", "pockets", "confirmed"),
+                tuple((n, t.pieces, t.voids, t.pockets, t.confirmed)
+                      for n, t in zip(names, shapes, strict=True)),
+                {},
+                ("voids are enclosed, pockets open to the domain's boundary only; confirmed: a "
+                 "coarser grid counts the same",),
+            )
+        )  # fmt: skip
+    return tables
+
+
+def pareto_tables(run: ParetoRun) -> list[Table]:
+    """Return the ends and the knee of the front."""
+    from pmopt.synthesis.front import describe_idle
+
+    front = run.front
+    ends = ("end", front.designs[0]), ("knee", front.knee), ("end", front.designs[-1])
+    parameters = [k for k, v in front.designs[0].parameters.items() if v is not None]
+    objectives = list(front.designs[0].objectives)
+    rows = []
+    for name, design in ends:
+        row: list[Cell] = [name, design.number, *(design.parameters[k] for k in parameters)]
+        for k in objectives:
+            row += with_error(design.objectives[k], design.errors[k])
+        rows.append(tuple(row))
+    columns = ("", "design", *parameters, *(c for k in objectives for c in (k, f"{k}_error")))
+    notes = [
+        f"{len(front.designs)} designs, hypervolume {front.hypervolume:.6g} "
+        f"{front.units['hypervolume']} from volume 0, gci 0"
+    ]
+    notes += [describe_idle(direction) for direction in front.idle]
+    if run.folder:
+        notes.append(f"written to {run.folder}")
+    return [Table("Pareto front", columns, tuple(rows), front.units, tuple(notes))]

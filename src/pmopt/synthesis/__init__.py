@@ -1,0 +1,1 @@
+"""Dimensional synthesis: designs that trade the size of a workspace against its dexterity."""

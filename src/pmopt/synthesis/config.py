@@ -1,0 +1,180 @@
+"""The configuration of a ``pmopt pareto`` run."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings
+from pmopt.analysis.validation import validated
+from pmopt.errors import InputError
+from pmopt.mechanisms import Mechanism, find
+from pmopt.mechanisms.base import as_number
+
+Objective = Literal["volume", "gci"]
+#: Samples of each design during the search; the final front is measured more finely.
+SEARCH_SAMPLES = 20_000
+
+
+class AlgorithmSettings(BaseModel):
+    """The ``[algorithm]`` table."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    name: Literal["nsga2"] = "nsga2"
+    population: int = Field(default=200, ge=4, le=100_000)
+    generations: int = Field(default=200, ge=1, le=1_000_000)
+    crossover_eta: FiniteFloat = Field(default=20.0, gt=0)
+    crossover_probability: FiniteFloat = Field(default=0.9, ge=0, le=1)
+    mutation_eta: FiniteFloat = Field(default=20.0, gt=0)
+    seed: int = Field(default=1, ge=0, lt=2**63)
+
+
+class ConstraintSettings(BaseModel):
+    """One entry of the ``[constraints]`` table: bounds on a quantity, inclusive."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    min: FiniteFloat | None = None
+    max: FiniteFloat | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ConstraintSettings:
+        if self.min is None and self.max is None:
+            raise ValueError("needs min or max")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"min {self.min} is larger than max {self.max}")
+        return self
+
+
+class FinalSettings(BaseModel):
+    """The ``[final]`` table: how finely the designs of the front are measured at the end."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    target_error: FiniteFloat = Field(default=5e-4, ge=1e-7, lt=1)
+
+
+class RunConfig(BaseModel):
+    """A validated, frozen configuration; see :func:`load_config`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    mechanism: str
+    objectives: tuple[Objective, ...] = Field(default=("volume", "gci"), strict=False)
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    workspace: WorkspaceSettings = Field(default_factory=WorkspaceSettings)
+    algorithm: AlgorithmSettings = Field(default_factory=AlgorithmSettings)
+    constraints: dict[Objective, ConstraintSettings] = Field(default_factory=dict)
+    final: FinalSettings = Field(default_factory=FinalSettings)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RunConfig:
+        if len(self.objectives) < 2 or len(set(self.objectives)) < len(self.objectives):
+            raise ValueError(
+                f"objectives {list(self.objectives)} must be two different ones of volume, gci"
+            )
+        return self
+
+
+def resolve_config(data: Any, where: str) -> RunConfig:
+    """Validate a configuration and complete it: every key present, every name checked.
+
+    Parameters
+    ----------
+    data : dict
+        As TOML gives it.
+    where : str
+        What errors call it, usually the file's name.
+
+    Raises
+    ------
+    InputError
+        One line: file, key, value and what is allowed.
+    """
+    config = validated(RunConfig, data, where)
+    try:
+        mechanism = find(config.mechanism)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    parameters = _parameters(config, mechanism, where)
+    workspace = config.workspace
+    mechanism.check_mode(workspace.working_mode, f"{where}: workspace.working_mode")
+    mechanism.check_ranges(workspace.domain, mechanism.pose, f"{where}: workspace.domain")
+    mechanism.check_ranges(workspace.limits, mechanism.joints, f"{where}: workspace.limits")
+    if workspace.samples is None and workspace.grid is None and workspace.target_error is None:
+        workspace = workspace.model_copy(update={"samples": SEARCH_SAMPLES})
+    workspace = workspace.model_copy(
+        update={
+            "working_mode": mechanism.check_mode(workspace.working_mode),
+            "jacobian": workspace.jacobian
+            or ("homogenized" if workspace.characteristic_length else mechanism.default_jacobian),
+        }
+    )
+    return config.model_copy(
+        update={"mechanism": mechanism.name, "parameters": parameters, "workspace": workspace}
+    )
+
+
+def _parameters(
+    config: RunConfig, mechanism: Mechanism, where: str
+) -> dict[str, float | tuple[float, float] | None]:
+    """Return every parameter as a fixed number, a range or None (unset)."""
+    place = f"{where}: parameters"
+    mechanism.resolve({k: mechanism.parameter(k).default for k in config.parameters
+                       if k in {p.name for p in mechanism.parameters}}
+                      | {k: None for k in config.parameters
+                         if k not in {p.name for p in mechanism.parameters}}, place)  # fmt: skip
+    resolved: dict[str, float | tuple[float, float] | None] = {}
+    for parameter in mechanism.parameters:
+        given = config.parameters.get(parameter.name, parameter.bounds)
+        if isinstance(given, list | tuple):
+            ends = [as_number(v) for v in given]
+            if (
+                len(ends) != 2
+                or any(v is None or not parameter.accepts(v) for v in ends)
+                or not ends[0] < ends[1]  # type: ignore[operator]
+            ):
+                raise InputError(
+                    f"{place}: {parameter.name}={list(given)} is not allowed: a range is "
+                    f"[lower, upper] with lower < upper, each {parameter.allowed()}, "
+                    f"in {mechanism.unit(parameter)}"
+                )
+            resolved[parameter.name] = (float(given[0]), float(given[1]))
+        else:
+            resolved[parameter.name] = mechanism.check_parameter(parameter, given, place)
+    if not any(isinstance(v, tuple) for v in resolved.values()):
+        raise InputError(f"{place}: every parameter is fixed, at least one needs a range")
+    return resolved
+
+
+def load_config(path: Path) -> RunConfig:
+    """Read and resolve a TOML configuration.
+
+    Raises
+    ------
+    InputError
+        For a file that can not be read, is no TOML or does not validate.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: can not read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        message = " ".join(str(error).split())
+        raise InputError(f"{path}: is no TOML file: {message}") from None
+    return resolve_config(data, str(path))
+
+
+def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
+    """Return what differs between two plain configurations, as ``key: old -> new``."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        return [
+            line
+            for key in dict.fromkeys([*old, *new])
+            for line in differences(old.get(key), new.get(key), f"{prefix}{key}.")
+        ]
+    return [] if old == new else [f"{prefix[:-1]}: {old} -> {new}"]

@@ -1,0 +1,202 @@
+"""NSGA-II on a design problem, generation by generation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.errors import InfeasibleError, PmoptError
+from pmopt.seeds import seed_sequence
+from pmopt.synthesis.problem import REACHABLE, DesignProblem, Evaluations
+
+
+@dataclass(frozen=True)
+class Generation:
+    """State after one generation.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    evaluations : int
+        Designs evaluated so far.
+    feasible : int
+        Feasible ones among them.
+    front : int
+        Designs on the current front.
+    hypervolume : float
+        Of the current front against the reference point.
+    best : tuple of float
+        Largest value of each objective on the front, NaN where it is empty.
+    evaluated : Evaluations
+        Of this generation.
+    recorded : bool
+        Taken from a checkpoint, not computed.
+    """
+
+    number: int
+    evaluations: int
+    feasible: int
+    front: int
+    hypervolume: float
+    best: tuple[float, ...]
+    evaluated: Evaluations
+    recorded: bool
+
+
+#: Objectives that nothing falls below: hypervolume is measured from there.
+REFERENCE = 0.0
+
+
+def hypervolume(values: NDArray[np.float64]) -> float:
+    """Return the hypervolume of designs (N, k), objectives maximised, from the reference point."""
+    import moocore
+
+    if len(values) == 0:
+        return 0.0
+    return float(moocore.hypervolume(values, ref=[REFERENCE] * values.shape[1], maximise=True))
+
+
+class Optimisation:
+    """A run of NSGA-II (Deb et al. 2002; pymoo) driven by ask and tell.
+
+    The designs of a generation follow from the seed and from what earlier generations were
+    told, so that telling recorded results again restores the run exactly.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    """
+
+    def __init__(self, problem: DesignProblem) -> None:
+        self.problem = problem
+        self._parts: list[Evaluations] = []
+        self._final: Evaluations | None = None
+
+    def generations(self, recorded: list[Evaluations] | None = None) -> Iterator[Generation]:
+        """Run, yielding after each generation; recorded ones are told without evaluation.
+
+        Raises
+        ------
+        PmoptError
+            When recorded designs are not those this installation asks for.
+        """
+        from pymoo.algorithms.moo.nsga2 import NSGA2
+        from pymoo.core.evaluator import Evaluator
+        from pymoo.core.problem import Problem
+        from pymoo.operators.crossover.sbx import SBX
+        from pymoo.operators.mutation.pm import PM
+        from pymoo.operators.sampling.rnd import FloatRandomSampling
+        from pymoo.problems.static import StaticProblem
+
+        problem, settings = self.problem, self.problem.config.algorithm
+        stated = Problem(
+            n_var=len(problem.variables),
+            n_obj=len(problem.objectives),
+            n_ieq_constr=len(problem.constraints),
+            xl=problem.lower,
+            xu=problem.upper,
+        )
+        # pymoo's default operators are shared between algorithms: these are this run's own.
+        algorithm = NSGA2(
+            pop_size=settings.population,
+            sampling=FloatRandomSampling(),
+            crossover=SBX(eta=settings.crossover_eta, prob=settings.crossover_probability),
+            mutation=PM(eta=settings.mutation_eta),
+        )
+        seed = int(seed_sequence(settings.seed, "nsga2").generate_state(1)[0])
+        algorithm.setup(stated, termination=("n_gen", settings.generations), seed=seed)
+        known = iter(recorded or [])
+        evaluations = feasible = 0
+        for number in range(1, settings.generations + 1):
+            asked = algorithm.ask()
+            if asked is None or len(asked) == 0:
+                return  # every offspring repeats a known design
+            variables = np.ascontiguousarray(asked.get("X"), dtype=float)
+            told = next(known, None)
+            if told is None:
+                evaluated = problem.evaluate(variables)
+            elif np.array_equal(told.variables, variables):
+                evaluated = told
+            else:
+                raise PmoptError(
+                    f"checkpoint: the designs of generation {number} are not those of this "
+                    "installation (another version of pymoo or NumPy?); start afresh with --force"
+                )
+            # Without a workspace there is no GCI; the constraint keeps such designs behind all
+            # feasible ones whatever stands here.
+            objectives = -np.nan_to_num(evaluated.values, nan=REFERENCE)
+            Evaluator().eval(StaticProblem(stated, F=objectives, G=-evaluated.slack), asked)
+            algorithm.tell(infills=asked)
+            self._parts.append(evaluated)
+            evaluations += len(evaluated)
+            feasible += int(evaluated.feasible.sum())
+            front = self._survivors(algorithm.pop)
+            best = front.max(axis=0) if len(front) else np.full(front.shape[1], np.nan)
+            yield Generation(
+                number, evaluations, feasible, len(front), hypervolume(front),
+                tuple(best.tolist()), evaluated, told is not None,
+            )  # fmt: skip
+
+    def _survivors(self, population) -> NDArray[np.float64]:  # type: ignore[no-untyped-def]
+        """Keep the population's non-dominated feasible designs and return their objectives."""
+        import moocore
+
+        variables, objectives = population.get("X"), population.get("F")
+        rows = np.flatnonzero((population.get("G") <= 0).all(axis=1))
+        if len(rows):
+            rows = rows[moocore.is_nondominated(objectives[rows])]
+        self._front_variables = np.asarray(variables[rows], dtype=float)
+        return -np.asarray(objectives[rows], dtype=float)
+
+    @property
+    def front_variables(self) -> NDArray[np.float64]:
+        """Variables of the designs on the current front, sorted."""
+        front = self._front_variables
+        return front[np.lexsort(front.T[::-1])]
+
+    @property
+    def evaluated(self) -> Evaluations:
+        """Every design evaluated, in order."""
+        return Evaluations.join(self._parts)
+
+
+def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
+    """Raise where no design is feasible, saying what rules how many out.
+
+    Raises
+    ------
+    InfeasibleError
+    """
+    if evaluated.feasible.any():
+        return
+    count = len(evaluated)
+    parts = []
+    for column, name in enumerate(problem.constraints):
+        broken = int((evaluated.slack[:, column] < 0).sum())
+        if not broken:
+            continue
+        if name == REACHABLE:
+            parts.append(f"no reachable pose in {broken} of {count} designs")
+            continue
+        objective, sign, bound = problem.bounds[name]
+        values = _values_of(problem, evaluated, objective, sign, bound, column)
+        best = values.max() if sign > 0 else values.min()
+        relation = ">=" if sign > 0 else "<="
+        parts.append(
+            f"{objective} {relation} {bound!r} {problem.units[objective]} rules out {broken} of "
+            f"{count} designs (best {best:.4g})"
+        )
+    raise InfeasibleError(f"no feasible design: {'; '.join(parts)}")
+
+
+def _values_of(
+    problem: DesignProblem, evaluated: Evaluations, name: str, sign: int, bound: float, column: int
+) -> NDArray[np.float64]:
+    """Return a bounded quantity of the designs that have one."""
+    values = evaluated.slack[:, column] / sign + bound
+    reachable = evaluated.slack[:, 0] >= 0
+    return values[reachable] if reachable.any() else np.array([np.nan])

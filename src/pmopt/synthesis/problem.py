@@ -1,0 +1,183 @@
+"""The design problem: objectives and constraints of a whole population at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.analysis.estimates import Estimates, PopulationEstimates, of_population
+from pmopt.analysis.settings import split_samples
+from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
+from pmopt.analysis.workspace import measure_on_grids, measure_to_target
+from pmopt.mechanisms import find
+from pmopt.synthesis.config import RunConfig
+from pmopt.units import ONE
+
+#: The constraint every problem has: something must be reachable.
+REACHABLE = "reachable"
+
+
+@dataclass(frozen=True)
+class Evaluations:
+    """Designs and what was found of them, a row a design.
+
+    Attributes
+    ----------
+    variables : (N, v) float64
+        Values of the design variables.
+    values, errors : (N, k) float64
+        Objectives in the order of the configuration and their standard errors; NaN where
+        nothing is reachable.
+    slack : (N, g) float64
+        Constraint by constraint how far it is kept (>= 0) or broken (< 0).
+    """
+
+    variables: NDArray[np.float64]
+    values: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    slack: NDArray[np.float64]
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Which designs keep every constraint."""
+        return np.asarray((self.slack >= 0).all(axis=1))
+
+    def __len__(self) -> int:
+        return len(self.variables)
+
+    def table(self) -> NDArray[np.float64]:
+        """Return all columns side by side."""
+        return np.hstack([self.variables, self.values, self.errors, self.slack])
+
+    @classmethod
+    def join(cls, parts: Sequence[Evaluations]) -> Evaluations:
+        """Return the rows of all parts in order."""
+        return cls(
+            *(
+                np.concatenate([getattr(p, name) for p in parts])
+                for name in ("variables", "values", "errors", "slack")
+            )
+        )
+
+
+class DesignProblem:
+    """Evaluates designs of a configuration; every design sees the same sample points.
+
+    Both objectives, volume and GCI, are maximised.
+
+    Parameters
+    ----------
+    config : RunConfig
+        Resolved.
+    threads : int, optional
+    notify : callable, optional
+    """
+
+    def __init__(
+        self, config: RunConfig, threads: int | None = None, notify: Notify | None = None
+    ) -> None:
+        self.config = config
+        self.mechanism = find(config.mechanism)
+        self.sweeper = Sweeper(
+            self.mechanism, config.workspace, config.algorithm.seed, threads, notify
+        )
+        ranges = {k: v for k, v in config.parameters.items() if isinstance(v, tuple)}
+        self.variables = list(ranges)
+        self.lower = np.array([low for low, _ in ranges.values()])
+        self.upper = np.array([high for _, high in ranges.values()])
+        self.fixed = {k: v for k, v in config.parameters.items() if not isinstance(v, tuple)}
+        self.objectives = list(config.objectives)
+        #: (objective, +1 for a lower and -1 for an upper bound, bound) by constraint name.
+        self.bounds = {
+            f"{name}_{side}": (name, sign, bound)
+            for name, constraint in config.constraints.items()
+            for side, sign, bound in (("min", 1, constraint.min), ("max", -1, constraint.max))
+            if bound is not None
+        }
+        self.constraints = [REACHABLE, *self.bounds]
+        if config.workspace.samples is not None:
+            replicates, self._points = split_samples(
+                config.workspace.samples, config.workspace.replicates
+            )
+            self._sequence = self.sweeper.sequence(replicates)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit by column name."""
+        unit = self.mechanism.volume_unit
+        units = {p.name: self.mechanism.unit(p) for p in self.mechanism.parameters}
+        for name, one in (("volume", unit), ("gci", ONE)):
+            suffixes = ("", "_error", "_best", "_min", "_max")
+            units |= {f"{name}{suffix}": one for suffix in suffixes}
+        units |= dict.fromkeys((REACHABLE, "share", "share_error", "lower", "upper"), ONE)
+        return units | {"hypervolume": unit}
+
+    def parameters(self, row: NDArray[np.float64]) -> dict[str, float | None]:
+        """Return a design's complete parameters, in the mechanism's order."""
+        values = dict(zip(self.variables, row.tolist(), strict=True))
+        return {p.name: values.get(p.name, self.fixed.get(p.name))
+                for p in self.mechanism.parameters}  # fmt: skip
+
+    def design(self, row: NDArray[np.float64]) -> Design:
+        """Return a design ready to be swept."""
+        return self.sweeper.design(self.parameters(row))
+
+    def evaluate(self, variables: NDArray[np.float64]) -> Evaluations:
+        """Evaluate a whole population, shape (N, v)."""
+        designs = [self.design(row) for row in variables]
+        if self.config.workspace.samples is not None:
+            tallies = self.sweeper.tally_population(designs, self._sequence, self._points)
+            found = of_population(tallies)
+            slack = _reachable_slack(tallies, self.config.workspace.min_lci)
+        else:
+            found, slack = self._one_by_one(designs)
+        by_name = {
+            "volume": (found.volume, found.volume_error),
+            "gci": (found.gci, found.gci_error),
+        }
+        # A quantity that does not exist breaks its bounds.
+        bounds = [
+            np.nan_to_num(sign * (by_name[name][0] - bound), nan=-1.0)
+            for name, sign, bound in self.bounds.values()
+        ]
+        return Evaluations(
+            variables,
+            np.stack([by_name[name][0] for name in self.objectives], axis=1),
+            np.stack([by_name[name][1] for name in self.objectives], axis=1),
+            np.stack([slack, *bounds], axis=1),
+        )
+
+    def _one_by_one(self, designs: list[Design]) -> tuple[PopulationEstimates, NDArray[np.float64]]:
+        """Evaluate on grids or to a target error, where each design takes its own points."""
+        rows: list[tuple[float, float, float, float]] = []
+        slack = []
+        settings = self.config.workspace
+        for design in designs:
+            if settings.grid is not None:
+                tallies, found = measure_on_grids(self.sweeper, design, settings.grid)
+            else:
+                assert settings.target_error is not None
+                tallies, found = measure_to_target(self.sweeper, design, settings.target_error)
+            rows.append((*found.volume, *found.gci))
+            slack.append(_reachable_slack(tallies, settings.min_lci)[0])
+        volume, volume_error, gci, gci_error = np.array(rows).T
+        return PopulationEstimates(volume, volume_error, gci, gci_error), np.array(slack)
+
+    def measure(self, row: NDArray[np.float64]) -> Estimates:
+        """Measure one design to the final target error."""
+        return measure_to_target(self.sweeper, self.design(row), self.config.final.target_error)[1]
+
+
+def _reachable_slack(tallies: Tallies, min_lci: float) -> NDArray[np.float64]:
+    """Return 0 where something is reachable, else how far the best sample point is from it.
+
+    The distance is the mechanism's margin or, where only the smallest allowed LCI is missed, by
+    how much; 1 where neither is known (an empty box).
+    """
+    margin = tallies.margin.max(axis=1)
+    missed = np.where(tallies.within.sum(axis=1) > 0, tallies.largest.max(axis=1) - min_lci, margin)
+    missed = np.where(np.isfinite(missed) & (missed < 0), missed, -1.0)
+    return np.where(tallies.reachable.sum(axis=1) > 0, 0.0, missed)

@@ -1,0 +1,29 @@
+"""Shared settings and fixtures. PMOPT_CACHE_DIR is left as the environment has it."""
+
+import pytest
+from hypothesis import settings
+from pmopt.mechanisms import find, names
+from pmopt.numerics import specialise
+
+settings.register_profile("pmopt", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("pmopt")
+
+
+@pytest.fixture
+def pauu():
+    """Return the 2PaUU-PPaP mechanism."""
+    return find("2pauu-ppap")
+
+
+@pytest.fixture(params=names())
+def mechanism(request):
+    """Return each mechanism of the catalogue in turn."""
+    return find(request.param)
+
+
+@pytest.fixture
+def empty_cache(monkeypatch, tmp_path):
+    """Point the cache of compiled kernels at an empty folder and forget what is loaded."""
+    monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(specialise, "_loaded", {})
+    return tmp_path

@@ -225,6 +225,6 @@ def test_replicates_differ_and_do_not_depend_on_their_number(sampler):
         assert (unit_points(few, r, 0, BLOCK) == made[r]).all()
     for r in range(5):
         for s in range(r):
-            assert np.abs(made[r] - made[s]).max(axis=1).min() > 0.01
+            assert np.abs(made[r] - made[s]).max(axis=1).min() > 1e-6
     other = unit_points(sequence(sampler, seed=8), 0, 0, BLOCK)
-    assert np.abs(other - made[0]).max(axis=1).min() > 0.01
+    assert np.abs(other - made[0]).max(axis=1).min() > 1e-6

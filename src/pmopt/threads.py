@@ -22,11 +22,9 @@ def default_threads() -> int:
     """Return ``$NUMBA_NUM_THREADS`` if set, else the number of cores this process may use."""
     given = os.environ.get("NUMBA_NUM_THREADS")
     if given is None:
-        return (
-            len(os.sched_getaffinity(0))
-            if hasattr(os, "sched_getaffinity")
-            else os.cpu_count() or 1
-        )
+        if hasattr(os, "sched_getaffinity"):
+            return len(os.sched_getaffinity(0))
+        return os.cpu_count() or 1
     if not given.isdigit() or int(given) < 1:
         raise InputError(f"NUMBA_NUM_THREADS: {given!r} is not a whole number of at least 1")
     return int(given)

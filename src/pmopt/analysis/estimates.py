@@ -106,7 +106,7 @@ def _pool(tallies: Tallies) -> tuple[_Sums, _Sums]:
 
     def without_each(values: NDArray[np.generic]) -> NDArray[np.float64]:
         whole = values.astype(float)
-        return whole.sum(axis=0) - whole
+        return np.asarray(whole.sum(axis=0) - whole)
 
     reachable, total = tallies.reachable[0], tallies.total[0]
     smallest, largest = tallies.smallest[0], tallies.largest[0]

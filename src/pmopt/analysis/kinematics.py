@@ -318,8 +318,8 @@ def jacobian_at(
     jacobian = values = None
     raw = homogenized = 0.0
     if not singular:
-        jacobian = np.linalg.solve(j_x, j_q)
-        values = np.linalg.svd(jacobian, compute_uv=False)
+        jacobian = np.asarray(np.linalg.solve(j_x, j_q), dtype=float)
+        values = np.asarray(np.linalg.svd(jacobian, compute_uv=False), dtype=float)
         raw = inverse_condition(jacobian, norm)
         homogenized = inverse_condition(jacobian / mechanism.column_lengths(length), norm)
     return JacobianResult(

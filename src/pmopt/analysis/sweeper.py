@@ -128,13 +128,9 @@ class Sweeper:
             mechanism.constant_count,
             len(mechanism.joints),
             settings.norm,
-            on_compile=lambda: (
-                notify(
-                    f"compiling the kernels of {mechanism.name} (once on this machine, some seconds)"
-                )
-                if notify
-                else None
-            ),
+            on_compile=None
+            if notify is None
+            else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds"),
         )
 
     def design(self, parameters: Parameters) -> Design:
@@ -198,12 +194,9 @@ class Sweeper:
         statistics[empty, :, sweep.WITHIN] = 0.0
         above[empty] = 0
         histogram[empty] = 0
-        columns = (
-            sweep.REACHABLE, sweep.WITHIN, sweep.SUM_LCI,
-            sweep.MIN_LCI, sweep.MAX_LCI, sweep.BEST_MARGIN,
-        )  # fmt: skip
+        reachable, total, smallest, largest, margin, within = np.moveaxis(statistics, 2, 0)
         return Tallies(
-            last - first, box, *(statistics[:, :, c].copy() for c in columns), above, histogram
+            last - first, box, reachable, within, total, smallest, largest, margin, above, histogram
         )
 
     def tally_population(

@@ -147,7 +147,10 @@ def number(value: float) -> float | None:
 def index_note(kind: JacobianKind, length: float | None, unit: str) -> str:
     """Say what Jacobian an index is of."""
     if kind == "raw":
-        return f"raw Jacobian, columns in {unit}/rad and {unit}/{unit}: it mixes units and depends on the unit of length"
+        columns = f"{unit}/rad and {unit}/{unit}"
+        return (
+            f"raw Jacobian, columns in {columns}: it mixes units and depends on the unit of length"
+        )
     return f"homogenized Jacobian, characteristic length {length!r} {unit}"
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import click
 
-from pmopt import __version__
 from pmopt.errors import PmoptError
+from pmopt.version import __version__
 
 EXIT_RUNTIME, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
 

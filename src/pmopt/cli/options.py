@@ -54,6 +54,25 @@ def common_options(function: Function) -> Function:
     return function
 
 
+class Count(click.ParamType):
+    """A whole number, also written as 1e6 or 1_000_000."""
+
+    name = "integer"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        try:
+            return int(value)
+        except ValueError:
+            pass
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and number.is_integer()):
+            self.fail(f"{value!r} is no whole number", param, ctx)
+        return int(number)
+
+
 params_option = click.option(
     "--params", multiple=True, metavar="NAME=VALUE,..|@FILE.toml",
     help="Design parameters; repeatable. Those left out take their defaults.",
@@ -89,7 +108,7 @@ def out_options(function: Function) -> Function:
 
 
 def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
-    """Return ``name=value`` pairs, comma-separated and repeatable; a name given twice is refused."""
+    """Return ``name=value`` pairs, comma-separated and repeatable, each name once."""
     pairs: dict[str, str] = {}
     for text in texts:
         for part in text.split(","):

@@ -38,8 +38,9 @@ def _each(
         except UnreachableError as error:
             misses.append(str(error))
             results.append(empty(row))
-    error = UnreachableError(f"{misses[0]} ({len(misses)} of {len(rows)} rows)") if misses else None
-    return results, error
+    if not misses:
+        return results, None
+    return results, UnreachableError(f"{misses[0]} ({len(misses)} of {len(rows)} rows)")
 
 
 @click.command("ik")

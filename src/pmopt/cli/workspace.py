@@ -17,7 +17,7 @@ from pmopt.mechanisms import Mechanism
 @options.params_option
 @click.option(
     "--samples",
-    type=int,
+    type=options.Count(),
     metavar="N",
     help="Sample points, all replicates together. Default: 4194304.",
 )
@@ -28,7 +28,7 @@ from pmopt.mechanisms import Mechanism
 )
 @click.option(
     "--replicates",
-    type=int,
+    type=options.Count(),
     metavar="N",
     help="Independent randomisations behind the error estimates. Default: about 16.",
 )

@@ -22,6 +22,11 @@ Parameters = Mapping[str, float | None]
 Ranges = Mapping[str, tuple[float, float]]
 JacobianKind = Literal["raw", "homogenized"]
 
+#: Physical range of lengths, in the mechanism's length unit: beyond it squares and fourth powers
+#: of lengths leave what doubles can tell apart. Coordinates may lie further out.
+SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e6
+LARGEST_COORDINATE = 1e9
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -37,7 +42,7 @@ class Parameter:
     bounds : tuple of float or None
         Optimisation bounds; None where it is no design variable.
     positive : bool
-        True where the physical range is > 0, False where it is >= 0.
+        False where the physical range includes 0.
     meaning, source : str
         What it is, and who chose default and bounds.
     """
@@ -57,11 +62,12 @@ class Parameter:
 
     def allowed(self) -> str:
         """Return the physical range in words."""
-        return "a finite number > 0" if self.positive else "a finite number >= 0"
+        text = f"a number from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g}"
+        return text if self.positive else f"{text}, or 0"
 
     def accepts(self, value: float) -> bool:
         """Return whether the value is within the physical range."""
-        return math.isfinite(value) and (value > 0 if self.positive else value >= 0)
+        return SMALLEST_LENGTH <= value <= LARGEST_LENGTH or (value == 0 and not self.positive)
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,7 @@ class Mechanism(ABC):
 
     @abstractmethod
     def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
-        """Return a tight box around what is reachable within joint limits; empty: lower >= upper."""
+        """Return a tight box around what limits leave reachable; empty where lower >= upper."""
 
     @abstractmethod
     def default_domain(self, parameters: Parameters) -> Ranges:
@@ -297,9 +303,12 @@ class Mechanism(ABC):
             if base in values:
                 raise InputError(f"{where}: {base} is given twice")
             number = as_number(value)
-            if number is None or not math.isfinite(number):
+            if number is None or not abs(number) <= LARGEST_COORDINATE:
                 unit = "degrees" if degrees else self.unit(coordinate)
-                raise InputError(f"{where}: {name}={value} is no finite number, in {unit}")
+                raise InputError(
+                    f"{where}: {name}={value} is not allowed: a number of at most "
+                    f"{LARGEST_COORDINATE:g} {unit} in size is needed"
+                )
             values[base] = math.radians(number) if degrees else number
         missing = [name for name in names if name not in values]
         if missing:

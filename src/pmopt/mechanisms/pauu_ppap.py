@@ -14,7 +14,6 @@ With a1 = m - n - x, a2 = m - n + x, b = z - 2c, and r^2 = a^2 + b^2 the constra
 A cos t + B sin t + C = 0, A = 2 l1 a, B = 2 l1 b, C = r^2 + y^2 + l1^2 - l2^2.
 """
 
-# ruff: noqa: E741 -- paper symbols
 from __future__ import annotations
 
 import math

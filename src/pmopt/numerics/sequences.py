@@ -88,11 +88,11 @@ def golden_steps(dimension: int) -> NDArray[np.uint64]:
 
 def _integer_root(value: int, order: int) -> int:
     """Return floor(value ** (1 / order)) by Newton's iteration from above."""
-    guess = 1 << -(-value.bit_length() // order)
+    guess: int = 1 << -(-value.bit_length() // order)
     while True:
-        better = ((order - 1) * guess + value // guess ** (order - 1)) // order
+        better: int = ((order - 1) * guess + value // guess ** (order - 1)) // order
         if better >= guess:
-            return guess
+            return int(guess)
         guess = better
 
 

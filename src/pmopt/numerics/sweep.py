@@ -9,9 +9,6 @@ Reductions: points are taken in blocks of fixed length in order of their index, 
 of a call depend on its arguments alone. Sums of several calls are added by the caller in order.
 """
 
-# ruff: noqa: E741, PLR0913 -- kernels speak the symbols of the mathematics
-# mypy: ignore-errors
-
 import numpy as np
 
 BLOCK = 512

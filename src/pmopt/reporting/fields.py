@@ -38,10 +38,10 @@ class Section:
         Horizontal and vertical coordinate.
     horizontal, vertical : (n,) float64
         Their values; empty where the box is.
-    lci : (n, n) float64
-        Rows along the vertical coordinate; NaN where unreachable.
     inside : (n, n) float64
-        A continuous field, >= 0 where reachable.
+        A continuous field, >= 0 where reachable, a row a value of the vertical coordinate.
+    continued : (n, n) float64
+        LCI, continued beyond the limits; 0 out of reach.
     """
 
     normal: str
@@ -51,13 +51,18 @@ class Section:
     units: tuple[str, str]
     horizontal: NDArray[np.float64]
     vertical: NDArray[np.float64]
-    lci: NDArray[np.float64]
     inside: NDArray[np.float64]
+    continued: NDArray[np.float64]
 
     @property
-    def title(self) -> str:
-        """The plane, e.g. ``y = 0 m``."""
-        return f"{self.normal} = {self.level:.4g} {self.normal_unit}"
+    def lci(self) -> NDArray[np.float64]:
+        """LCI, NaN where unreachable."""
+        return np.where(self.inside >= 0, self.continued, np.nan)
+
+    @property
+    def plane(self) -> str:
+        """The plane in words, e.g. ``y = 0 m``."""
+        return plane(self.normal, self.level, self.normal_unit)
 
 
 @dataclass(frozen=True)
@@ -126,14 +131,14 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
                 units=(sweeper.mechanism.unit(pose[across]), sweeper.mechanism.unit(pose[up])),
                 horizontal=axes[0],
                 vertical=axes[1],
-                lci=np.where(inside >= 0, lci, np.nan),
                 inside=inside,
+                continued=lci,
             )
         )
     return tuple(sections)
 
 
-def surface_field(sweeper: Sweeper, design: Design, cells: int = 72) -> SurfaceMesh | None:
+def surface_field(sweeper: Sweeper, design: Design, cells: int = 128) -> SurfaceMesh | None:
     """Return the surface behind a cut across the second coordinate; None unless there are three.
 
     Parameters
@@ -151,7 +156,7 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 72) -> SurfaceM
     units = tuple(mechanism.unit(c) for c in mechanism.pose)
     cut = ""
     if abs((level - lower[1]) / (width[1] or 1.0) - 0.5) <= 0.5 - _CUT_MARGIN:
-        cut = f"{mechanism.pose[1].name} = {level:.4g} {units[1]}"
+        cut = plane(mechanism.pose[1].name, level, units[1])
         # Starting the grid at the cut makes the cut a face of the box, flat and exactly in place.
         lower[1] = level
     vertices, faces = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp)
@@ -163,9 +168,7 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 72) -> SurfaceM
         axes = [
             np.linspace(a, b, n + 1) for a, b, n in zip(lower, place.upper, counts, strict=True)
         ]
-        poses = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
-        inside = _inside(sweeper, design, poses)[0].reshape(counts + 1)
-        vertices, faces = surface_nets(inside, axes)
+        vertices, faces = surface_nets(lambda p: _inside(sweeper, design, p)[0] >= 0, axes)
     centres = vertices[faces].mean(axis=1)
     return SurfaceMesh(
         names=tuple(c.name for c in mechanism.pose),
@@ -175,6 +178,11 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 72) -> SurfaceM
         lci=_inside(sweeper, design, np.ascontiguousarray(centres.T))[1],
         cut=cut,
     )
+
+
+def plane(name: str, level: float, unit: str) -> str:
+    """Return what a plane is called."""
+    return f"{name} = {level:.8g} {unit}"
 
 
 def _inside(
@@ -217,14 +225,13 @@ def _level(planes: NDArray[np.float64], areas: NDArray[np.float64]) -> float:
 
     A plane that meets little of the workspace gives way to the one that meets most.
     """
-
-    def informative(level: float) -> bool:
-        return float(np.interp(level, planes, areas)) >= _INFORMATIVE * areas.max()
-
+    step = 10.0 ** math.floor(math.log10(planes[-1] - planes[0])) / 20
+    largest = float(planes[np.argmax(areas)])
     if np.abs(areas - areas[::-1]).sum() <= _SYMMETRIC * areas.sum():
         level = float(planes[0] + planes[-1]) / 2
     else:
-        level = float((planes * areas).sum() / areas.sum())
-        step = 10.0 ** math.floor(math.log10(planes[-1] - planes[0])) / 20
-        level = round(level / step) * step
-    return level if informative(level) else float(planes[np.argmax(areas)])
+        level = round(float((planes * areas).sum() / areas.sum()) / step) * step
+    for choice in (level, round(largest / step) * step):
+        if np.interp(choice, planes, areas) >= _INFORMATIVE * areas.max():
+            return choice
+    return largest

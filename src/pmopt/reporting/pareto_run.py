@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pmopt
 from pmopt.analysis.sweeper import Notify
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting import run_folder
@@ -19,6 +18,7 @@ from pmopt.synthesis.config import RunConfig
 from pmopt.synthesis.front import Front, FrontDesign, measure_front
 from pmopt.synthesis.optimise import Generation, Optimisation, require_feasible
 from pmopt.synthesis.problem import DesignProblem, Evaluations
+from pmopt.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,7 +87,7 @@ def run_pareto(
     problem = DesignProblem(config, threads, notify)
     checkpoint, recorded = None, []
     if folder is not None:
-        checkpoint = Checkpoint(folder.path, problem, pmopt.__version__)
+        checkpoint = Checkpoint(folder.path, problem, __version__)
         if resume and begun:
             recorded = checkpoint.resume()
             folder.open()

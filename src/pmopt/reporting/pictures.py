@@ -61,7 +61,7 @@ def of_pareto(
     title = f"{manifest['mechanism']}: Pareto front, {len(front)} designs"
     return {
         "front.png": plots.draw_front(
-            {name: front[name].to_numpy() for name in front},
+            {str(name): column.to_numpy() for name, column in front.items()},
             units,
             parameters,
             (first, second),
@@ -70,7 +70,7 @@ def of_pareto(
             colour_by=max(spread, key=lambda name: spread[name]),
         ),
         "history.png": plots.draw_history(
-            {name: history[name].to_numpy() for name in history},
+            {str(name): column.to_numpy() for name, column in history.items()},
             units,
             (first, second),
             title=f"{manifest['mechanism']}: course of the search",

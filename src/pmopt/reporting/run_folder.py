@@ -11,9 +11,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import pmopt
 from pmopt.errors import InputError, PmoptError
 from pmopt.files import sha256, write_atomic
+from pmopt.version import __version__
 
 MANIFEST = "manifest.json"
 DEFAULT_ROOT = Path("outputs")
@@ -102,7 +102,7 @@ class RunFolder:
 
 def versions() -> dict[str, str]:
     """Return the versions of pmopt, Python and the packages that compute."""
-    found = {"pmopt": pmopt.__version__, "python": platform.python_version()}
+    found = {"pmopt": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
             found[name] = version(name)
@@ -113,7 +113,7 @@ def versions() -> dict[str, str]:
 
 def git_commit() -> str | None:
     """Return the commit of the checkout pmopt runs from, None where it is installed otherwise."""
-    here = Path(pmopt.__file__)
+    here = Path(__file__)
     try:
         tracked = ["git", "-C", str(here.parent), "ls-files", "--error-unmatch", here.name]
         subprocess.run(tracked, check=True, capture_output=True, timeout=5)

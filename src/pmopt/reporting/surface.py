@@ -1,30 +1,34 @@
-"""The boundary of {field >= 0} on a grid as a closed quadrilateral mesh (naive surface nets)."""
+"""The boundary of a set on a grid as a closed quadrilateral mesh: naive surface nets."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: Weight of a crossing on the grid's outermost faces. Where a face of the box meets the surface,
-#: the vertex lies on the surface's own crossings, so that the edge between them stays sharp.
+#: Halvings of a grid edge to find where the boundary crosses it.
+_HALVINGS = 12
+#: Weight of a crossing on the box's faces. Where such a face meets the boundary within the box,
+#: the vertex lies on the latter's crossings alone, so that the edge between them stays sharp.
 _CAP_WEIGHT = 1e-6
 
 
 def surface_nets(
-    values: NDArray[np.float64], axes: Sequence[NDArray[np.float64]]
+    contains: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+    axes: Sequence[NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return vertices (V, 3) and outward quads (F, 4) of the set where the field is >= 0.
+    """Return vertices (V, 3) and outward quads (F, 4) of a set, cut off at the box's faces.
 
-    Each grid cell that the surface passes through holds one vertex, the mean of the points where
-    the field, linear along each edge of the cell, is 0; each grid edge that the surface crosses
-    gives the quad of its four cells. The set is cut off at the box's faces.
+    Each grid cell that the boundary passes through holds one vertex, the mean of the points where
+    the boundary crosses the cell's edges; each crossed edge gives the quad of its four cells.
+    Crossings are found by bisection: fields that are flat outside (LCI is 0 out of reach) mislead
+    interpolation.
 
     Parameters
     ----------
-    values : (nx, ny, nz) float64
-        Finite samples of a continuous field.
+    contains : callable
+        Takes points (3, N), returns which are in the set.
     axes : three arrays
         Ascending grid coordinates of each axis.
 
@@ -32,35 +36,38 @@ def surface_nets(
     ----------
     S. F. F. Gibson, "Constrained elastic surface nets", MICCAI 1998.
     """
+    points = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
     # A rim of no width that lies outside closes the set exactly at the box's faces.
-    field = np.pad(values, 1, constant_values=-1.0)
+    members = np.pad(contains(points).reshape([len(axis) for axis in axes]), 1)
     grid = [np.pad(axis, 1, mode="edge") for axis in axes]
-    cells = tuple(n - 1 for n in field.shape)
-    rings, points, weights = [], [], []
+    cells = tuple(n - 1 for n in members.shape)
+    rings, crossings, weights = [], [], []
     for axis in range(3):
-        low = np.take(field, range(cells[axis]), axis)
-        high = np.take(field, range(1, cells[axis] + 1), axis)
-        where = np.nonzero((low >= 0) != (high >= 0))
-        before, after = low[where], high[where]
-        crossing = np.stack([grid[k][where[k]] for k in range(3)], axis=1)
-        step = np.diff(grid[axis])[where[axis]]
-        crossing[:, axis] += before / (before - after) * step
+        below = np.take(members, range(cells[axis]), axis)
+        where = np.nonzero(below != np.take(members, range(1, cells[axis] + 1), axis))
+        entered = below[where]
+        low = np.stack([grid[k][where[k]] for k in range(3)])
+        high = low.copy()
+        high[axis] = grid[axis][where[axis] + 1]
+        weights.append(np.where(high[axis] > low[axis], 1.0, _CAP_WEIGHT))
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            beyond = contains(middle) != entered
+            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+        crossings.append((low + high).T / 2)
         # The four cells around the edge, counter-clockwise as seen from its upper end.
         ring = []
         for first, second in ((1, 1), (0, 1), (0, 0), (1, 0)):
             cell = list(where)
             cell[(axis + 1) % 3] = cell[(axis + 1) % 3] - first
             cell[(axis + 2) % 3] = cell[(axis + 2) % 3] - second
-            ring.append(np.ravel_multi_index(tuple(cell), cells))
+            ring.append(np.ravel_multi_index(cell, cells))
         quads = np.stack(ring, axis=1)
-        rings.append(np.where((before >= 0)[:, None], quads, quads[:, ::-1]))
-        points.append(crossing)
-        weights.append(np.where(step > 0, 1.0, _CAP_WEIGHT))
-    quads = np.concatenate(rings)
-    ids, corners = np.unique(quads, return_inverse=True)
-    corners = corners.reshape(-1, 4)
+        rings.append(np.where(entered[:, None], quads, quads[:, ::-1]))
+    ids, faces = np.unique(np.concatenate(rings), return_inverse=True)
+    faces = faces.reshape(-1, 4)
     weight = np.repeat(np.concatenate(weights), 4)
-    point = np.repeat(np.concatenate(points), 4, axis=0)
-    sums = [np.bincount(corners.ravel(), weight * point[:, k], len(ids)) for k in range(3)]
-    total = np.bincount(corners.ravel(), weight, len(ids))
-    return np.stack(sums, axis=1) / total[:, None], corners
+    total = np.bincount(faces.ravel(), weight, len(ids))
+    crossing = np.repeat(np.concatenate(crossings), 4, axis=0)
+    sums = [np.bincount(faces.ravel(), weight * crossing[:, k], len(ids)) for k in range(3)]
+    return np.stack(sums, axis=1) / total[:, None], faces

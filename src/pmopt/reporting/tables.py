@@ -159,10 +159,10 @@ def inverse_table(results: Sequence[InverseResult]) -> Table:
     joints = [c for c in first.units if c not in first.pose]
     poses = list(first.pose) if len(results) > 1 else []
     columns = (*(["row"] if poses else []), *poses, "working_mode", *joints, "within_limits")
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
         head = [number, *result.pose.values()] if poses else []
-        branches = [
+        branches: list[list[Cell]] = [
             [s.working_mode, *(s.joints[j] for j in joints), inside]
             for s, inside in zip(result.solutions, result.within_limits, strict=True)
         ] or [[None] * (len(joints) + 2)]
@@ -178,12 +178,12 @@ def forward_table(results: Sequence[ForwardResult]) -> Table:
     poses = [c for c in first.units if c not in first.joints and c != "residual"]
     joints = list(first.joints) if len(results) > 1 else []
     columns = (*(["row"] if joints else []), *joints, *poses, "residual")
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
         head = [number, *result.joints.values()] if joints else []
-        modes = [[*(s.pose[c] for c in poses), s.residual] for s in result.solutions] or [
-            [None] * (len(poses) + 1)
-        ]
+        modes: list[list[Cell]] = [
+            [*(s.pose[c] for c in poses), s.residual] for s in result.solutions
+        ] or [[None] * (len(poses) + 1)]
         rows += [(*head, *mode) for mode in modes]
     given = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.joints.items())
     title = f"{first.mechanism}, {len(results)} rows" if joints else f"{first.mechanism}, {given}"

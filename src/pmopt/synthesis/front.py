@@ -85,7 +85,7 @@ class Front:
         return {
             "designs": len(self.designs),
             "hypervolume": number(self.hypervolume),
-            "reference_point": {name: REFERENCE for name in names},
+            "reference_point": dict.fromkeys(names, REFERENCE),
             "knee": self.knee.to_dict(),
             "ends": [self.designs[0].to_dict(), self.designs[-1].to_dict()],
             "idle_directions": list(self.idle),

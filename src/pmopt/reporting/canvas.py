@@ -1,0 +1,159 @@
+"""What all pictures share: style, text and the way to PNG bytes.
+
+Matplotlib is imported when something is drawn, and used without pyplot: no window opens, no state
+is left behind, and the reader's own matplotlibrc changes nothing.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from pmopt.analysis.estimates import Estimate
+from pmopt.analysis.workspace import WorkspaceResult
+from pmopt.units import ONE, pretty
+
+if TYPE_CHECKING:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+_DPI = 150
+COLOURS = "viridis"
+INK, FAINT, LINE = "#222222", "#808080", "#2f5d8a"
+_STYLE: dict[str, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9,
+    "axes.edgecolor": FAINT,
+    "axes.linewidth": 0.7,
+    "axes.formatter.useoffset": False,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+#: Width of a character of the smaller text, in inches.
+CHARACTER = 0.072
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+NAMES = {"gci": "GCI", "lci": "LCI"}
+
+
+@contextmanager
+def new_figure(width: float, height: float) -> Iterator[Figure]:
+    """Give a figure that is styled alike whatever the reader's own settings are."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        figure = Figure((width, height), dpi=_DPI, facecolor="white")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def to_png(figure: Figure) -> bytes:
+    """Return the picture without the metadata that would tell one machine from another."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
+    """Write mechanism, dimensions and volume above, what the index is of below."""
+    width, height = figure.get_size_inches()
+
+    def wrap(text: str, size: float) -> list[str]:
+        return textwrap.wrap(text, int((width - 0.3) / (CHARACTER * size / 8)))
+
+    params = {name: value for name, value in result.params.items() if value is not None}
+    head = wrap(f"{result.mechanism}: {parameter_text(params, result.units)}", 10.5)
+    parts = [f"volume {with_unit(format_estimate(result.volume), result.volume_unit)}"]
+    if result.reachable:
+        parts.append(f"GCI {format_estimate(result.gci)}")
+    parts += [f"{name} in [{low:.4g}, {high:.4g}] {result.units[name]}"
+              for name, (low, high) in result.settings.limits.items()]  # fmt: skip
+    if result.settings.min_lci > 0:
+        parts.append(f"LCI ≥ {result.settings.min_lci:g}")
+    parts += [f"working mode {result.working_mode}", *remarks]
+    body = wrap(", ".join(part.replace(" ", "\u00a0") for part in parts), 8.5)
+    note = wrap(f"LCI: {result.index_note}", 7)
+    x, top = 0.15 / width, 1 - 0.12 / height
+    figure.text(x, top, "\n".join(head), va="top", fontsize=10.5)
+    top -= 0.21 * len(head) / height
+    figure.text(x, top, "\n".join(body), va="top", fontsize=8.5, color="#555555")
+    figure.text(x, 0.1 / height, "\n".join(note), fontsize=7, color="#555555")
+
+
+def draw_nothing(result: WorkspaceResult) -> bytes:
+    """Draw what stands for a picture of an empty workspace."""
+    with new_figure(6.0, 2.2) as figure:
+        found = "nothing reachable" if result.reachable == 0 else (
+            "the reachable set is too small for the grid of this picture"
+        )  # fmt: skip
+        figure.text(0.5, 0.42, found, ha="center", va="center", fontsize=13, color=FAINT)
+        write_caption(figure, result)
+        return to_png(figure)
+
+
+def label(name: str, unit: str) -> str:
+    """Return the label of an axis."""
+    return name if unit == ONE else f"{name} ({pretty(unit)})"
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Return a number with its unit."""
+    return text if unit == ONE else f"{text}\u00a0{pretty(unit)}"
+
+
+def index_label(result: WorkspaceResult) -> str:
+    """Return what axes and colour bars call the index."""
+    norm = "Frobenius norm" if result.norm == "fro" else f"{result.norm}-norm"
+    return f"LCI ({result.jacobian}, {norm})"
+
+
+def parameter_text(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    """Return the parameters in words; a unit that all share stands once, at the end."""
+    shared = {units[name] for name in values}
+    one = shared.pop() if len(shared) == 1 else None
+    parts = [f"{name} = {with_unit(f'{value:.4g}', units[name] if one is None else ONE)}"
+             for name, value in values.items()]  # fmt: skip
+    text = ", ".join(part.replace(" ", "\u00a0") for part in parts)
+    return text if one is None else with_unit(text, one)
+
+
+def largest_colour(result: WorkspaceResult) -> float:
+    """Return where the colours of LCI end, the same in every picture of a workspace."""
+    largest = result.largest.value
+    return 1.0 if math.isnan(largest) else min(1.0, max(0.1, math.ceil(10 * largest) / 10))
+
+
+def colour_scale(result: WorkspaceResult) -> ScalarMappable:
+    """Return the colours of LCI."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(0.0, largest_colour(result)), COLOURS)
+
+
+def format_estimate(estimate: Estimate) -> str:
+    """Return value and error to the error's first digit, e.g. ``10.206 ± 0.001``."""
+    value, error = estimate
+    if not math.isfinite(error) or error <= 0:
+        return f"{value:.6g}"
+    size = max(abs(value), error)
+    if not 1e-4 <= size < 1e7:
+        power = math.floor(math.log10(size))
+        scaled = format_estimate(Estimate(value / 10.0**power, error / 10.0**power))
+        return f"({scaled})·10{str(power).translate(_RAISED)}"
+    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"

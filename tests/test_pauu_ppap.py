@@ -129,7 +129,7 @@ def designs(draw):
         "n": draw(st.floats(0.2, 1.2)),
         "l1": draw(st.floats(0.3, 1.6)),
         "l2": draw(st.floats(0.3, 1.6)),
-        "c": draw(st.just(0.0) | st.floats(0, 0.5)),
+        "c": draw(st.just(0.0) | st.floats(0.01, 0.5)),
     }
     assume(abs(given["m"] - given["n"]) < 0.9 * (given["l1"] + given["l2"]))
     return PAUU.resolve(given)

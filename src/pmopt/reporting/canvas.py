@@ -1,7 +1,7 @@
 """What all pictures share: style, text and the way to PNG bytes.
 
-Matplotlib is imported when something is drawn, and used without pyplot: no window opens, no state
-is left behind, and the reader's own matplotlibrc changes nothing.
+Matplotlib is imported when something is drawn, and used without pyplot's state: no window opens,
+no setting is left changed, and the reader's own matplotlibrc has no say.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.workspace import WorkspaceResult
@@ -41,7 +43,7 @@ _STYLE: dict[str, Any] = {
     "ytick.labelsize": 8,
 }
 #: Width of a character of the smaller text, in inches.
-CHARACTER = 0.072
+CHARACTER = 0.066
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NAMES = {"gci": "GCI", "lci": "LCI"}
 
@@ -66,6 +68,29 @@ def to_png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()
+
+
+def fit_axes(figure: Figure, axes: Any, place: tuple[float, float, float, float]) -> None:
+    """Move and scale 3-D axes so that they fill a part of the figure, labels included."""
+    from matplotlib.transforms import Bbox
+    from mpl_toolkits.mplot3d import proj3d
+
+    scale = np.tile(figure.bbox.size, 2)
+    target = np.array(place) * scale
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    limits = np.reshape(axes.get_w_lims(), (3, 2))
+    corners = [m.ravel() for m in np.meshgrid(*limits)]
+    for _ in range(3):  # labels keep their size
+        axes.apply_aspect()
+        flat = np.stack(proj3d.proj_transform(*corners, axes.get_proj())[:2], axis=1)
+        drawn = axes.transData.transform(flat)
+        cube = np.stack([drawn.min(axis=0), drawn.max(axis=0)])
+        parts = [axis.get_tightbbox(renderer) for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        box = Bbox.union([*parts, Bbox(cube)])
+        now = np.array(axes.get_position(original=True).bounds) * scale
+        factor = min(target[2] / box.width, target[3] / box.height)
+        corner = target[:2] + target[2:] / 2 + factor * (now[:2] - np.add(box.min, box.max) / 2)
+        axes.set_position(np.concatenate([corner, factor * now[2:]]) / scale)
 
 
 def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:

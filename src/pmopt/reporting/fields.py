@@ -20,8 +20,8 @@ _SYMMETRIC = 0.02
 _INFORMATIVE = 0.5
 #: A cut leaves at least this share of the width on either side, else nothing is cut away.
 _CUT_MARGIN = 0.1
-#: Least grid cells along a side, however short.
-_LEAST_CELLS = 12
+#: Least grid cells along a short side, as a share of those along the longest.
+_LEAST_CELLS = 0.25
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class SurfaceMesh:
     faces : (F, 4) intp
         Outward; F = 0 where nothing is reachable.
     lci : (F,) float64
-        At the middle of each face.
+        At the point of the surface that each face stands for.
     cut : str
         The plane of the cut, e.g. ``y = 0 m``; empty where nothing is cut away.
     """
@@ -138,7 +138,7 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
     return tuple(sections)
 
 
-def surface_field(sweeper: Sweeper, design: Design, cells: int = 128) -> SurfaceMesh | None:
+def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> SurfaceMesh | None:
     """Return the surface behind a cut across the second coordinate; None unless there are three.
 
     Parameters
@@ -159,23 +159,23 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 128) -> Surface
         cut = plane(mechanism.pose[1].name, level, units[1])
         # Starting the grid at the cut makes the cut a face of the box, flat and exactly in place.
         lower[1] = level
-    vertices, faces = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp)
+    vertices, faces, points = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp), np.empty((0, 3))
     if design.box_volume > 0:
         sides = place.upper - lower
-        counts = np.full(3, cells)
+        counts = np.full(3, float(cells))
         if len(set(units)) == 1:
-            counts = np.ceil(np.maximum(cells * sides / sides.max(), _LEAST_CELLS)).astype(int)
+            counts *= sides / sides.max()
+        counts = np.ceil(np.maximum(counts, _LEAST_CELLS * cells)) + 1
         axes = [
-            np.linspace(a, b, n + 1) for a, b, n in zip(lower, place.upper, counts, strict=True)
+            np.linspace(a, b, int(n)) for a, b, n in zip(lower, place.upper, counts, strict=True)
         ]
-        vertices, faces = surface_nets(lambda p: _inside(sweeper, design, p)[0] >= 0, axes)
-    centres = vertices[faces].mean(axis=1)
+        vertices, faces, points = surface_nets(lambda p: _inside(sweeper, design, p)[0] >= 0, axes)
     return SurfaceMesh(
         names=tuple(c.name for c in mechanism.pose),
         units=units,
         vertices=vertices,
         faces=faces,
-        lci=_inside(sweeper, design, np.ascontiguousarray(centres.T))[1],
+        lci=_inside(sweeper, design, np.ascontiguousarray(points.T))[1],
         cut=cut,
     )
 

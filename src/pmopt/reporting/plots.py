@@ -20,6 +20,7 @@ from pmopt.reporting.canvas import (
     NAMES,
     colour_scale,
     draw_nothing,
+    fit_axes,
     format_estimate,
     index_label,
     label,
@@ -35,7 +36,6 @@ from pmopt.units import ONE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Elevation and azimuth of the view in degrees: onto the cut across the second coordinate.
 _VIEW = (24.0, -66.0)
@@ -45,6 +45,7 @@ _CUT = np.array([0.0, -1.0, 0.0])
 #: Largest ratio of sides that are drawn to one scale.
 _MOST_SLENDER = 8.0
 _BINS = 100
+_NO_SCALE = "sides not to one scale"
 _STEPS = [1, 2, 2.5, 5, 10]
 
 
@@ -67,14 +68,21 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult) -> bytes:
         axes: Any = figure.add_axes((0.1, 0.1, 0.8, 0.8), projection="3d")
         axes.view_init(*_VIEW)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        sides = _sides((high - low)[None], mesh.units)[0]
+        true = high - low
+        sides = _sides(true, mesh.units)
+        remarks = [f"cut at {mesh.cut}"] if mesh.cut else []
+        remarks += [] if sides is true else [_NO_SCALE]
         axes.set_box_aspect(sides)
         for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
             getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
             axis.set_label_text(label(mesh.names[k], mesh.units[k]))
-            axis.set_major_locator(MaxNLocator(2 + round(5 * sides[k] / sides.max()), steps=_STEPS))
+            ticks = MaxNLocator(2 + round(6 * sides[k] / sides.max()), steps=_STEPS)
+            places = ticks.tick_values(low[k], high[k])
+            # At the near corner a label of x would meet the first one of y.
+            end = high[k] - (0.04 * (high[k] - low[k]) if k == 0 else 0.0)
+            axis.set_ticks(places[(places >= low[k]) & (places <= end)])
             axis.set_pane_color("white")
-        _fit(figure, axes, (0.02, 0.07, 0.84, 0.8))
+        fit_axes(figure, axes, (0.02, 0.07, 0.84, 0.8))
         quads = mesh.vertices[mesh.faces]
         scale = colour_scale(result)
         colours = _shade(scale.to_rgba(mesh.lci)[:, :3], quads)
@@ -85,7 +93,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult) -> bytes:
         )
         bar = figure.colorbar(scale, cax=figure.add_axes((0.895, 0.2, 0.02, 0.55)))
         bar.set_label(index_label(result))
-        write_caption(figure, result, [f"cut at {mesh.cut}"] if mesh.cut else [])
+        write_caption(figure, result, remarks)
         return to_png(figure)
 
 
@@ -100,8 +108,9 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
     """
     if not any(np.isfinite(section.lci).any() for section in sections):
         return draw_nothing(result)
-    sides = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
-    sides = _sides(sides, [unit for s in sections for unit in s.units])
+    true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
+    sides = _sides(true, [unit for s in sections for unit in s.units])
+    remarks = [] if sides is true else [_NO_SCALE]
     sides *= min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
     left, bottom, gap, tallest = 0.65, 0.75, 0.75, sides[:, 1].max()
     size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + 0.9])
@@ -114,14 +123,15 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
             axes = figure.add_axes((*([left, bottom] / size), *(side / size)))
             _draw_section(axes, section, largest_colour(result), edges)
             for axis, length in zip((axes.xaxis, axes.yaxis), side, strict=True):
-                axis.set_major_locator(MaxNLocator(max(2, int(length / 0.45)), steps=_STEPS))
+                axis.set_major_locator(MaxNLocator(max(1, int(length / 0.5)), steps=_STEPS))
             left += side[0] + gap
         place = (*([left - gap + 0.25, bottom] / size), *([0.15, tallest] / size))
         bar = figure.colorbar(scale, cax=figure.add_axes(place))
         for edge in edges:
             bar.ax.axhline(edge, color="white", linewidth=1.0)
         bar.set_label(index_label(result))
-        write_caption(figure, result, ["white lines: edges of the dexterity regions"])
+        remarks += ["white lines: edges of the dexterity regions"] if edges else []
+        write_caption(figure, result, remarks)
         return to_png(figure)
 
 
@@ -231,14 +241,16 @@ def draw_front(
     table = {name: np.asarray(column) for name, column in columns.items()}
     x, y = (table[name].astype(float) for name in objectives)
     x_name, y_name = (NAMES.get(name, name) for name in objectives)
-    marked = {int(np.argmax(y)): f"largest {y_name}"}
-    if knee is not None:
-        marked.setdefault(knee, "knee")
-    marked.setdefault(int(np.argmax(x)), f"largest {x_name}")
+    ends = [(int(np.argmax(y)), f"largest {y_name}"), (int(np.argmax(x)), f"largest {x_name}")]
+    marked: dict[int, list[str]] = {}
+    for row, meaning in [ends[0], *([] if knee is None else [(knee, "knee")]), ends[1]]:
+        marked.setdefault(row, []).append(meaning)
+    if len(x) == 1:
+        marked = {0: ["the only design"]}
     with new_figure(8.4, 4.4) as figure:
         from matplotlib.ticker import MaxNLocator
 
-        axes = figure.add_axes((0.085, 0.13, 0.5 if colour_by else 0.57, 0.76))
+        axes = figure.add_axes((0.11, 0.13, 0.475 if colour_by else 0.56, 0.76))
         axes.errorbar(
             x, y, table[f"{objectives[1]}_error"], table[f"{objectives[0]}_error"], fmt="none",
             ecolor=FAINT, elinewidth=0.8, capsize=1.5,
@@ -249,7 +261,7 @@ def draw_front(
             bar.set_label(label(colour_by, units[colour_by]))
         else:
             axes.scatter(x, y, 14, color=LINE, zorder=3)
-        for (row, meaning), sign, top in zip(
+        for (row, meanings), sign, top in zip(
             marked.items(), "ABC", (0.87, 0.6, 0.33), strict=False
         ):
             axes.scatter(x[row], y[row], 90, facecolor="none", edgecolor=INK, zorder=4)
@@ -260,15 +272,15 @@ def draw_front(
             ]
             text = parameter_text({p: table[p][row] for p in parameters}, units)
             lines += textwrap.wrap(text, 32)
-            figure.text(0.72, top, f"{sign}  {meaning}", va="bottom", weight="bold")
+            figure.text(0.72, top, f"{sign}  {', '.join(meanings)}", va="bottom", weight="bold")
             figure.text(0.72, top - 0.005, "\n".join(lines), va="top", fontsize=8, linespacing=1.4)
         axes.margins(0.07)
-        axes.xaxis.set_major_locator(MaxNLocator(7))
+        axes.xaxis.set_major_locator(MaxNLocator(7, steps=_STEPS))
         axes.set_xlabel(label(x_name, units[objectives[0]]))
         axes.set_ylabel(label(y_name, units[objectives[1]]))
         axes.grid(color="#e6e6e6", linewidth=0.6)
         axes.set_axisbelow(True)
-        figure.text(0.085, 0.94, title, fontsize=10.5)
+        figure.text(0.11, 0.94, title, fontsize=10.5)
         return to_png(figure)
 
 
@@ -299,7 +311,7 @@ def draw_history(
         axes.plot(
             generation, value, color=LINE, linewidth=1.5, marker="." if len(value) < 50 else ""
         )
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         axes.set_xlabel("generation")
         axes.set_ylabel(label("hypervolume", unit))
         axes.grid(color="#e6e6e6", linewidth=0.6)
@@ -340,20 +352,3 @@ def _sides(sides: NDArray[np.float64], units: Sequence[str]) -> NDArray[np.float
     if len(set(units)) > 1 or sides.max() > _MOST_SLENDER * sides.min():
         return np.ones_like(sides)
     return sides
-
-
-def _fit(figure: Figure, axes: Any, place: tuple[float, float, float, float]) -> None:
-    """Move and scale 3-D axes so that they fill a part of the figure, labels included."""
-    from matplotlib.transforms import Bbox
-
-    scale = np.tile(figure.bbox.size, 2)
-    target = np.array(place) * scale
-    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    all_axes = (axes.xaxis, axes.yaxis, axes.zaxis)
-    for _ in range(3):  # labels keep their size
-        axes.apply_aspect()
-        box = Bbox.union([axis.get_tightbbox(renderer) for axis in all_axes])
-        now = np.array(axes.get_position(original=True).bounds) * scale
-        factor = min(target[2] / box.width, target[3] / box.height)
-        corner = target[:2] + target[2:] / 2 + factor * (now[:2] - (box.min + box.max) / 2)
-        axes.set_position(np.concatenate([corner, factor * now[2:]]) / scale)

@@ -17,8 +17,8 @@ _CAP_WEIGHT = 1e-6
 def surface_nets(
     contains: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
     axes: Sequence[NDArray[np.float64]],
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return vertices (V, 3) and outward quads (F, 4) of a set, cut off at the box's faces.
+) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the boundary of a set, cut off at the box's faces.
 
     Each grid cell that the boundary passes through holds one vertex, the mean of the points where
     the boundary crosses the cell's edges; each crossed edge gives the quad of its four cells.
@@ -31,6 +31,15 @@ def surface_nets(
         Takes points (3, N), returns which are in the set.
     axes : three arrays
         Ascending grid coordinates of each axis.
+
+    Returns
+    -------
+    vertices : (V, 3) float64
+    faces : (F, 4) intp
+        Counter-clockwise as seen from outside.
+    crossings : (F, 3) float64
+        Where the boundary crosses the edge that gives each face: a face cuts corners between
+        other pieces of the boundary, this point lies on it.
 
     References
     ----------
@@ -54,7 +63,8 @@ def surface_nets(
             middle = (low + high) / 2
             beyond = contains(middle) != entered
             low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-        crossings.append((low + high).T / 2)
+        # Of the two ends the one in the set: its values are never those of the outside.
+        crossings.append(np.where(entered, low, high).T)
         # The four cells around the edge, counter-clockwise as seen from its upper end.
         ring = []
         for first, second in ((1, 1), (0, 1), (0, 0), (1, 0)):
@@ -64,10 +74,10 @@ def surface_nets(
             ring.append(np.ravel_multi_index(cell, cells))
         quads = np.stack(ring, axis=1)
         rings.append(np.where(entered[:, None], quads, quads[:, ::-1]))
-    ids, faces = np.unique(np.concatenate(rings), return_inverse=True)
+    _, faces = np.unique(np.concatenate(rings), return_inverse=True)
     faces = faces.reshape(-1, 4)
     weight = np.repeat(np.concatenate(weights), 4)
-    total = np.bincount(faces.ravel(), weight, len(ids))
-    crossing = np.repeat(np.concatenate(crossings), 4, axis=0)
-    sums = [np.bincount(faces.ravel(), weight * crossing[:, k], len(ids)) for k in range(3)]
-    return np.stack(sums, axis=1) / total[:, None], faces
+    total = np.bincount(faces.ravel(), weight)
+    points = np.concatenate(crossings)
+    sums = [np.bincount(faces.ravel(), weight * np.repeat(points[:, k], 4)) for k in range(3)]
+    return np.stack(sums, axis=1) / total[:, None], faces, points

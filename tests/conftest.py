@@ -2,6 +2,7 @@
 
 import pytest
 from hypothesis import settings
+
 from pmopt.mechanisms import find, names
 from pmopt.numerics import specialise
 

@@ -1,12 +1,12 @@
 """Closed forms of the inverse condition number against singular values."""
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pmopt.numerics.condition import inverse_condition_2, inverse_condition_fro
 
-import naive
+from pmopt.numerics.condition import inverse_condition_2, inverse_condition_fro
 
 EPS = np.finfo(float).eps
 # Where two singular values coincide a root of rounding errors remains: 2.92e-8 was the largest
@@ -39,7 +39,9 @@ def apply(index, matrix):
 @given(entries)
 def test_equals_singular_values(norm, index, values):
     matrix = np.reshape(values, (3, 3))
-    assert apply(index, matrix) == pytest.approx(naive.inverse_condition(matrix, norm), abs=ACCURACY)
+    assert apply(index, matrix) == pytest.approx(
+        naive.inverse_condition(matrix, norm), abs=ACCURACY
+    )
 
 
 @given(seeds, st.floats(-7, 0), st.floats(-9, 0), st.floats(-40, 40))

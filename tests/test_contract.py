@@ -3,8 +3,10 @@
 import math
 import re
 
+import naive
 import numpy as np
 import pytest
+
 from pmopt.analysis.estimates import from_replicates, of_population
 from pmopt.analysis.kinematics import inverse_kinematics, jacobian_at
 from pmopt.analysis.settings import WorkspaceSettings
@@ -15,8 +17,6 @@ from pmopt.mechanisms.base import within
 from pmopt.mechanisms.registry import collect
 from pmopt.numerics import sweep
 from pmopt.numerics.sequences import make_grid
-
-import naive
 
 MODES = [(name, mode) for name in names() for mode in find(name).working_modes]
 in_every_mode = pytest.mark.parametrize(("name", "mode"), MODES)
@@ -245,9 +245,7 @@ def test_margin_is_continuous_outside(mechanism):
     """Between neighbouring poses the margin moves little, on both sides of zero."""
     params = mechanism.resolve({})
     limits = some_limits(mechanism, params)
-    constants = tuple(
-        mechanism.kernel_constants(params, mechanism.working_modes[0], 1.0, limits)
-    )
+    constants = tuple(mechanism.kernel_constants(params, mechanism.working_modes[0], 1.0, limits))
     here, there = random_poses(mechanism, params, 2, margin=0.1)
     a, b = np.array(list(here.values())), np.array(list(there.values()))
 
@@ -299,7 +297,10 @@ def half_domain(mechanism):
     lower, upper = mechanism.reach_box(params, {})
     first, last = mechanism.pose[0].name, mechanism.pose[-1].name
     middle = (lower + upper) / 2
-    return {first: (middle[0], math.inf), last: (-math.inf, middle[-1] + 0.3 * (upper - middle)[-1])}
+    return {
+        first: (middle[0], math.inf),
+        last: (-math.inf, middle[-1] + 0.3 * (upper - middle)[-1]),
+    }
 
 
 CASES = {

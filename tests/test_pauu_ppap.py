@@ -6,16 +6,16 @@ Parallel Mechanism".
 
 import math
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
+
 from pmopt.analysis.kinematics import forward_kinematics, inverse_kinematics
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import within
-
-import naive
+from pmopt.mechanisms.base import within, wrap_angle
 
 PAUU = find("2pauu-ppap")
 MODES = list(naive.SIDES)
@@ -153,6 +153,7 @@ def clearance(params, pose):
 
 
 seeds = st.integers(0, 2**32 - 1)
+angles = st.floats(-math.pi, math.pi)
 DEFAULT = PAUU.resolve({})
 
 
@@ -190,7 +191,7 @@ def test_inverse_then_forward(params, seed):
             assert min(gaps) < tolerance
 
 
-@given(designs(), st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(-1, 1))
+@given(designs(), angles, angles, st.floats(-1, 1))
 def test_forward_then_inverse(params, theta1, theta2, slide):
     joints = {"theta1": theta1, "theta2": theta2, "d": slide * params["l2"]}
     c1, c2 = naive.knees(params, joints)
@@ -272,7 +273,7 @@ def test_jacobian_equals_finite_differences(params, seed):
             np.testing.assert_allclose(jacobian[:, column], slope, rtol=0, atol=tolerance)
 
 
-@given(designs(), st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi))
+@given(designs(), angles, angles)
 def test_stretched_and_folded_limbs_are_type_1_singular(params, turn, tube):
     """Crank and link in one plane with the axis: u.e = 0 and the branches meet."""
     radius = params["l1"] + params["l2"] * math.cos(tube)
@@ -310,7 +311,7 @@ def test_sign_of_the_type_1_determinant_is_the_working_mode(params, seed):
             assert abs(value) <= 1
 
 
-@given(designs(), st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(0, 0.95))
+@given(designs(), angles, angles, st.floats(0, 0.95))
 def test_type_2_determinant(params, theta1, theta2, slide):
     """u1x u2z - u1z u2x is the area the two links span as seen along y; 0 where they align."""
     joints = {"theta1": theta1, "theta2": theta2, "d": slide * params["l2"]}
@@ -345,7 +346,9 @@ def test_reach_is_the_distance_to_the_surface(params, seed):
     sights = naive.lines_of_sight(params, pose)
     shadow = naive.link_shadow(params, pose)
     shift = params["m"] - params["n"]
-    for i, (limb, a) in enumerate(zip(PAUU.reach(params, pose), (shift - x, shift + x), strict=True)):
+    for i, (limb, a) in enumerate(
+        zip(PAUU.reach(params, pose), (shift - x, shift + x), strict=True)
+    ):
         distance = naive.surface_distance(params, a, y, z - 2 * params["c"])
         assert abs(limb.distance) == pytest.approx(distance, abs=1e-8)
         r = sights[i][0]
@@ -481,14 +484,19 @@ def test_reach_box_of_nothing_is_empty(given):
 # --- limits -------------------------------------------------------------------------------
 
 
-@given(
-    st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(0.01, 7), st.sampled_from([-1, 0, 2])
-)  # fmt: skip
+@given(angles, angles, st.floats(0.01, 7), st.sampled_from([-1, 0, 2]))
 def test_angle_limits_count_modulo_a_turn(value, low, size, turns):
     offset = (value - low) % (2 * math.pi)
     assume(min(abs(offset - size), abs(offset), abs(offset - 2 * math.pi)) > 1e-6)
     limits = (low, low + size)
     assert within(value + 2 * math.pi * turns, limits, "angle") == (offset <= size)
+
+
+def test_angles_are_wrapped_to_the_half_open_turn():
+    """(-pi, pi]: of the two ends the positive one."""
+    assert wrap_angle(-math.pi) == wrap_angle(math.pi) == wrap_angle(-3 * math.pi) == math.pi
+    assert wrap_angle(7.0) == pytest.approx(7 - 2 * math.pi, abs=1e-15)
+    assert wrap_angle(-3.0) == -3.0
 
 
 def test_h_is_a_limit_on_z():

@@ -2,8 +2,11 @@
 
 from fractions import Fraction
 
+import naive
 import numpy as np
 import pytest
+from scipy import stats
+
 from pmopt.numerics.sequences import (
     BLOCK,
     SAMPLERS,
@@ -14,9 +17,6 @@ from pmopt.numerics.sequences import (
     make_sequence,
     sobol_directions,
 )
-from scipy import stats
-
-import naive
 
 RANDOM = [name for name in SAMPLERS if name != "grid"]
 FAR = 10**10 // BLOCK * BLOCK
@@ -116,7 +116,7 @@ def test_sobol_has_random_access(first):
 
 @pytest.mark.parametrize("power", [4, 9, 11])
 def test_scrambled_projections_are_nets(power):
-    """Each coordinate has one of 2^m points in each of 2^m bins; the first pair is a (0,m,2)-net."""
+    """One of 2^m points in each of 2^m bins, each coordinate; the first pair is a (0,m,2)-net."""
     points = sequence("sobol", 8, 3)
     count = 2**power
     for replicate in range(3):
@@ -196,9 +196,7 @@ def test_monte_carlo_is_uniform_and_independent():
 def test_grid_is_meshgrid_of_midpoints(dimension, cells):
     lower, width = np.arange(dimension) - 1.5, np.arange(dimension) + 0.5
     made = naive.fill(make_grid(dimension, cells), 0, 0, cells**dimension, lower, width)
-    axes = [
-        low + w * (np.arange(cells) + 0.5) / cells for low, w in zip(lower, width, strict=True)
-    ]
+    axes = [low + w * (np.arange(cells) + 0.5) / cells for low, w in zip(lower, width, strict=True)]
     wanted = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
     np.testing.assert_allclose(made, wanted, rtol=0, atol=1e-14)
 

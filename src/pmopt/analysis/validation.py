@@ -35,6 +35,9 @@ def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str
         close = difflib.get_close_matches(str(path[-1]), allowed, n=1, cutoff=0.0)
         hint = f"; nearest: {close[0]}" if close else ""
         return f"{where}: unknown key {key}, allowed: {', '.join(allowed)}{hint}"
+    if path and path[-1] == "[key]":
+        allowed = ", ".join(map(str, first.get("ctx", {}).values()))
+        return f"{where}: unknown key {'.'.join(map(str, path[:-1]))}, allowed: {allowed}"
     if first["type"] == "missing":
         return f"{where}: {key} is missing"
     message = first["msg"].removeprefix("Value error, ")

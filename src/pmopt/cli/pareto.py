@@ -76,21 +76,21 @@ def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, On
     """Show generation, front size, hypervolume and time left: a bar, or a line now and then."""
     planned = config.algorithm.generations
     unit = find(config.mechanism).volume_unit
-    began, first = time.monotonic(), 0
+    first: tuple[int, float] | None = None  # first generation computed here, and when
 
     with progress_bar(quiet, "generation", "generations") as report:
 
         def on_generation(generation: Generation) -> None:
             nonlocal first
-            number = generation.number
             if generation.recorded:
-                first = number
                 return
+            number, now = generation.number, time.monotonic()
+            first = first or (number, now)
             state = f"front {generation.front}, hypervolume {generation.hypervolume:.6g} {unit}"
             if report is not None:
                 report(number, planned, f"generation {number}/{planned}, {state}")
             elif not quiet and (number % max(1, planned // 10) == 0 or number == planned):
-                left = (time.monotonic() - began) / (number - first) * (planned - number)
+                left = (now - first[1]) / max(number - first[0], 1) * (planned - number)
                 text = f"generation {number}/{planned}: {state}, ETA {left:.0f} s"
                 click.echo(text, err=True)
 

@@ -111,8 +111,8 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
     true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
     sides = _sides(true, [unit for s in sections for unit in s.units])
     remarks = [] if sides is true else [_NO_SCALE]
-    sides *= min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
-    left, bottom, gap, tallest = 0.65, 0.75, 0.75, sides[:, 1].max()
+    sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
+    left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
     size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + 0.9])
     edges = list(result.settings.regions[1:-1])
     with new_figure(*size) as figure:
@@ -122,8 +122,10 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
         for section, side in zip(sections, sides, strict=True):
             axes = figure.add_axes((*([left, bottom] / size), *(side / size)))
             _draw_section(axes, section, largest_colour(result), edges)
-            for axis, length in zip((axes.xaxis, axes.yaxis), side, strict=True):
-                axis.set_major_locator(MaxNLocator(max(1, int(length / 0.5)), steps=_STEPS))
+            # A label is wider than it is high.
+            for axis, count in ((axes.xaxis, side[0] / 0.5), (axes.yaxis, side[1] / 0.3)):
+                ticks = MaxNLocator(max(1, int(count)), steps=_STEPS, min_n_ticks=1)
+                axis.set_major_locator(ticks)
             left += side[0] + gap
         place = (*([left - gap + 0.25, bottom] / size), *([0.15, tallest] / size))
         bar = figure.colorbar(scale, cax=figure.add_axes(place))

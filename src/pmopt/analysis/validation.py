@@ -36,19 +36,17 @@ def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str
         hint = f"; nearest: {close[0]}" if close else ""
         return f"{where}: unknown key {key}, allowed: {', '.join(allowed)}{hint}"
     if path and path[-1] == "[key]":
-        allowed = ", ".join(map(str, first.get("ctx", {}).values()))
-        return f"{where}: unknown key {'.'.join(map(str, path[:-1]))}, allowed: {allowed}"
+        names = ", ".join(map(str, first.get("ctx", {}).values()))
+        return f"{where}: unknown key {'.'.join(map(str, path[:-1]))}, allowed: {names}"
     if first["type"] == "missing":
         return f"{where}: {key} is missing"
     message = first["msg"].removeprefix("Value error, ")
     message = message[:1].lower() + message[1:]
     value = first["input"]
-    if not key:
-        return f"{where}: {message}"
-    shown = (
-        "" if isinstance(value, dict) else f"={value!r}" if isinstance(value, str) else f"={value}"
-    )
-    return f"{where}: {key}{shown} is not allowed: {message}"
+    if isinstance(value, dict):
+        return f"{where}: {key}: {message}" if key else f"{where}: {message}"
+    shown = repr(value) if isinstance(value, str) else value
+    return f"{where}: {key}={shown} is not allowed: {message}"
 
 
 def _model_at(model: type[BaseModel], path: list[int | str]) -> type[BaseModel]:

@@ -54,7 +54,7 @@ def common_options(function: Function) -> Function:
     return function
 
 
-class Count(click.ParamType):
+class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
     """A whole number, also written as 1e6 or 1_000_000."""
 
     name = "integer"

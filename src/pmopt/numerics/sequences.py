@@ -63,7 +63,7 @@ class Sequence(NamedTuple):
     @property
     def replicates(self) -> int:
         """Number of independent randomisations."""
-        return self.start.shape[0]
+        return int(self.start.shape[0])
 
 
 def golden_steps(dimension: int) -> NDArray[np.uint64]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pmopt.errors import InfeasibleError, PmoptError
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.problem import REACHABLE, DesignProblem, Evaluations
+from pmopt.units import ONE
 
 
 @dataclass(frozen=True)
@@ -186,9 +187,11 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
         values = _values_of(problem, evaluated, objective, sign, bound, column)
         best = values.max() if sign > 0 else values.min()
         relation = ">=" if sign > 0 else "<="
+        unit = problem.units[objective]
+        limit = f"{bound!r}" if unit == ONE else f"{bound!r} {unit}"
         parts.append(
-            f"{objective} {relation} {bound!r} {problem.units[objective]} rules out {broken} of "
-            f"{count} designs (best {best:.4g})"
+            f"{objective} {relation} {limit} rules out {broken} of {count} designs "
+            f"(best {best:.4g})"
         )
     raise InfeasibleError(f"no feasible design: {'; '.join(parts)}")
 

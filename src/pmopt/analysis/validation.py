@@ -40,6 +40,8 @@ def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str
         return f"{where}: unknown key {'.'.join(map(str, path[:-1]))}, allowed: {names}"
     if first["type"] == "missing":
         return f"{where}: {key} is missing"
+    if first["type"] in ("model_type", "dict_type"):
+        return f"{where}: {key}={first['input']!r} is not allowed: a table of keys is needed"
     message = first["msg"].removeprefix("Value error, ")
     message = message[:1].lower() + message[1:]
     value = first["input"]

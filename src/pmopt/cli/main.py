@@ -58,15 +58,22 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(__version__, prog_name="pmopt")
-def cli() -> None:
+@click.pass_context
+def cli(ctx: click.Context) -> None:
     """Design of parallel mechanisms: workspace, dexterity and Pareto fronts with error bars.
 
     \b
     Example:
       pmopt workspace 2pauu-ppap --params m=1,n=0.7,l1=0.65,l2=1.5,c=0.1
     """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
 
 
 def _terminate(signum: int, frame: FrameType | None) -> None:
@@ -90,9 +97,6 @@ def run(args: list[str] | None = None) -> int:
         if debug:
             raise
         return _fail(str(error), error.exit_code)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.ctx.get_help() if error.ctx else str(error), err=True)
-        return EXIT_USAGE
     except click.ClickException as error:
         return _fail(error.format_message(), EXIT_USAGE)
     except (KeyboardInterrupt, click.Abort) as error:
@@ -104,6 +108,8 @@ def run(args: list[str] | None = None) -> int:
         return EXIT_RUNTIME
     except MemoryError:
         return _fail("out of memory: fewer samples, a smaller grid or population", EXIT_RUNTIME)
+    except SystemExit as error:  # click's own answer to a closed stdout
+        return error.code if isinstance(error.code, int) else EXIT_RUNTIME
     except Exception as error:
         if debug:
             raise

@@ -102,9 +102,6 @@ def test_rank_one_and_zero_give_zero(norm, index, u, v):
     assert apply(index, np.zeros((3, 3))) == 0
 
 
-@pytest.mark.xfail(
-    strict=True, reason="minors of a rounded rank-1 matrix are rounding errors, and so is the index"
-)
 @BOTH
 def test_rounded_rank_one(norm, index):
     rng = np.random.default_rng(0)

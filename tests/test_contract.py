@@ -152,7 +152,6 @@ def test_found_by_name(mechanism):
         find(name[:-1])
 
 
-@pytest.mark.xfail(strict=True, reason="only the hyphen counts as a dash")
 @pytest.mark.parametrize("dash", ["\u2010", "\u2011", "\u2013"])
 def test_found_by_name_as_papers_print_it(mechanism, dash):
     assert find(mechanism.name.replace("-", dash)) is mechanism

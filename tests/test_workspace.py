@@ -129,19 +129,13 @@ def test_target_error_out_of_reach_is_an_error(monkeypatch):
         ("r-sequence", 5),
         ("monte-carlo", 7),
         ("sobol", 8),
-        pytest.param(
-            "sobol",
-            5,
-            marks=pytest.mark.xfail(
-                strict=True, reason="a doubling that starts within a block repeats points"
-            ),
-        ),
+        ("sobol", 5),
     ],
 )
 def test_doubling_continues_the_sequence(sampler, replicates):
     """Samples added until a target is met are the ones a single run would take."""
     doubled = compute(TORUS, sampler=sampler, replicates=replicates, target_error=2e-2)
-    assert doubled.samples == 2**18 // replicates * 2 * replicates
+    assert doubled.samples == 2**18 // replicates // 512 * 512 * 2 * replicates
     direct = compute(TORUS, sampler=sampler, replicates=replicates, samples=doubled.samples)
     assert doubled.reachable == direct.reachable
     assert doubled.histogram == direct.histogram
@@ -454,7 +448,6 @@ def test_hardly_a_point_is_no_error_either():
 
 
 @pytest.mark.parametrize("name", ["d", "theta1"])
-@pytest.mark.xfail(strict=True, reason="limits open at one end are written as Infinity")
 def test_open_limits_can_be_written(name):
     text(compute(samples=1024, limits={name: (-math.inf, math.inf)}))
 
@@ -487,9 +480,6 @@ def test_full_torus_is_one_piece():
     assert shape.grid == 48
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the box is tight, so that the torus closes off its hole in the box's faces"
-)
 def test_hole_of_a_torus_is_no_pocket():
     """No boundary of the domain closes it: reach ends there by itself."""
     shape = compute(TORUS, samples=1024, shape_grid=48, domain=EVERYWHERE).shape
@@ -530,8 +520,11 @@ def ball(radius, centre=(0.0, 0.0, 0.0), cells=40):
     return (x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2 < radius**2
 
 
-def counts(members):
-    topology = _topology(members)
+WHOLE = np.zeros((3, 2), dtype=bool)  # no face of the box cuts off what could be reached
+
+
+def counts(members, cut=WHOLE):
+    topology = _topology(members, cut)
     return topology.pieces, topology.voids, topology.pockets, topology.specks
 
 
@@ -540,7 +533,7 @@ def test_topology_of_balls():
     assert counts(large) == (1, 0, 0, 0)
     assert counts(large | small) == (2, 0, 0, 0)
     sizes = np.array([large.sum(), small.sum()])
-    assert _topology(small | large).piece_shares == pytest.approx(sizes / sizes.sum())
+    assert _topology(small | large, WHOLE).piece_shares == pytest.approx(sizes / sizes.sum())
 
 
 def test_topology_of_holes():
@@ -557,10 +550,13 @@ def test_topology_of_holes():
 def test_topology_of_a_bowl():
     """A hollow ball cut in half: its hole opens to the face of the domain only."""
     hollow = ball(0.8) & ~ball(0.5)
-    assert counts(hollow[:, :, 20:]) == (1, 0, 1, 0)
-    assert counts(hollow[20:]) == (1, 0, 1, 0)
+    floor, side = WHOLE.copy(), WHOLE.copy()
+    floor[2, 0] = side[0, 0] = True
+    assert counts(hollow[:, :, 20:], floor) == (1, 0, 1, 0)
+    assert counts(hollow[20:], side) == (1, 0, 1, 0)
+    assert counts(hollow[:, :, 20:]) == (1, 0, 0, 0)  # a face where reach ends is open
     full = ball(0.8)
-    assert counts(full[:, :, 20:]) == (1, 0, 0, 0)
+    assert counts(full[:, :, 20:], floor) == (1, 0, 0, 0)
 
 
 def test_topology_of_specks():
@@ -644,7 +640,6 @@ def test_text_stands_alone():
         assert f"inverse_condition_{norm}(" in module
 
 
-@pytest.mark.xfail(strict=True, reason="the first constant of a name is taken for all")
 def test_constants_of_one_name_do_not_mix(tmp_path):
     """A kernel's TINY must not become that of the conditioning."""
     kernel = load_kernel(tmp_path / "clash.py", tiny=0.5)

@@ -113,7 +113,7 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
     sets = [inside]
     for low, high in zip(edges, edges[1:], strict=False):
         sets.append(inside & (largest >= low) & (smallest < high))
-    return [_topology(members) for members in sets]
+    return [_topology(members, design.cut) for members in sets]
 
 
 def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
@@ -124,7 +124,8 @@ def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _topology(members: NDArray[np.bool_]) -> Topology:
+def _topology(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
+    """Count pieces and holes; ``cut`` (d, 2) tells which faces of the box cut the reachable set."""
     from scipy import ndimage  # takes longer to import than the counting itself
 
     total = int(members.sum())
@@ -133,15 +134,20 @@ def _topology(members: NDArray[np.bool_]) -> Topology:
     sizes = np.sort(np.bincount(labels.ravel())[1:])[::-1]
     pieces = sizes[sizes >= least]
 
-    # Holes are pieces of the complement. One that holds a corner of the box is the outside, one
-    # that shows in a face of the box is a pocket there, any other is enclosed.
-    corners = np.ones((3,) * members.ndim, dtype=bool)
-    hole_labels, _ = ndimage.label(~members, structure=corners)
-    holes = np.bincount(hole_labels.ravel())
+    # Holes are pieces of the complement. Beyond a face where reach ends by itself lies the outside;
+    # a hole that shows in faces of the domain only is a pocket, one that shows in none is a void.
+    outside = np.pad(~members, [(int(not low), int(not high)) for low, high in cut],
+                     constant_values=True)  # fmt: skip
+    labels, _ = ndimage.label(outside, structure=np.ones((3,) * members.ndim, dtype=bool))
+    holes = np.bincount(labels.ravel())
     holes[0] = 0
-    holes[hole_labels[_box_corners(members.ndim)]] = 0
     opened = holes.copy()
-    opened[_not_in_faces(hole_labels, len(holes))] = 0
+    for axis, faces in enumerate(cut):
+        for end, is_cut in zip((0, -1), faces, strict=True):
+            shown = np.unique(np.take(labels, end, axis))
+            if not is_cut:
+                holes[shown] = opened[shown] = 0
+    opened[~_shown_in_faces(labels, len(holes))] = 0
     enclosed = holes - opened
     voids, pockets = enclosed[enclosed >= least], opened[opened >= least]
     specks = (len(sizes) - len(pieces)) + int((holes > 0).sum()) - len(voids) - len(pockets)
@@ -155,16 +161,10 @@ def _topology(members: NDArray[np.bool_]) -> Topology:
     )
 
 
-def _not_in_faces(labels: NDArray[np.int32], count: int) -> NDArray[np.bool_]:
-    """Return which labels do not show in any face of the box."""
-    hidden = np.ones(count, dtype=bool)
+def _shown_in_faces(labels: NDArray[np.int32], count: int) -> NDArray[np.bool_]:
+    """Return which labels show in a face of the box."""
+    shown = np.zeros(count, dtype=bool)
     for axis in range(labels.ndim):
         for end in (0, -1):
-            hidden[np.take(labels, end, axis).ravel()] = False
-    return hidden
-
-
-def _box_corners(dimension: int) -> tuple[NDArray[np.intp], ...]:
-    """Return index arrays of the corner cells: the outside of a workspace shows there."""
-    grid = np.meshgrid(*([[0, -1]] * dimension), indexing="ij")
-    return tuple(axis.ravel() for axis in grid)
+            shown[np.take(labels, end, axis).ravel()] = True
+    return shown

@@ -28,12 +28,16 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Design:
-    """One design ready for the sweep: kernel constants and the box its points fill."""
+    """One design ready for the sweep: kernel constants and the box its points fill.
+
+    ``cut`` (d, 2) tells which faces of the box, lower and upper, cut off what can be reached.
+    """
 
     parameters: Parameters
     length: float
     lower: Vector
     width: Vector
+    cut: NDArray[np.bool_]
     constants: list[float]
 
     @property
@@ -137,10 +141,12 @@ class Sweeper:
         """Return a design ready to be swept, its box cut to the domain."""
         mechanism = self.mechanism
         lower, upper = mechanism.reach_box(parameters, self.limits)
+        whole = np.stack([lower, upper], axis=1)
         domain = {**mechanism.default_domain(parameters), **self.domain}
         for i, coordinate in enumerate(mechanism.pose):
             low, high = domain.get(coordinate.name, (-math.inf, math.inf))
             lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
+        cut = np.stack([lower, upper], axis=1) != whole
         width = upper - lower
         if not np.all(width > 0):
             width = np.zeros_like(width)
@@ -150,7 +156,7 @@ class Sweeper:
                 parameters
             )
         constants = mechanism.kernel_constants(parameters, self.working_mode, length, self.limits)
-        return Design(parameters, length, lower, width, constants)
+        return Design(parameters, length, lower, width, cut, constants)
 
     def sequence(self, replicates: int) -> sequences.Sequence:
         """Return the sample points shared by all designs of a run."""

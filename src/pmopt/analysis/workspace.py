@@ -21,7 +21,7 @@ from pmopt.analysis.sweeper import (
 )
 from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
-from pmopt.numerics.sequences import make_grid
+from pmopt.numerics.sequences import BLOCK, make_grid
 from pmopt.units import ONE, unit_of
 
 #: Called with points done and points planned.
@@ -58,6 +58,7 @@ class WorkspaceResult:
     grid: int | None
     replicates: int
     box: dict[str, tuple[float, float]]
+    limits: dict[str, tuple[float, float]]
     settings: WorkspaceSettings
     volume: Estimate
     volume_unit: str
@@ -98,7 +99,7 @@ class WorkspaceResult:
                 "error_estimate": "refinement" if self.grid else "replicates",
             },
             "domain": {name: list(ends) for name, ends in self.box.items()},
-            "limits": {name: list(ends) for name, ends in self.settings.limits.items()},
+            "limits": {name: [number(end) for end in ends] for name, ends in self.limits.items()},
             "min_lci": self.settings.min_lci,
             "volume": {
                 "value": number(self.volume.value),
@@ -140,8 +141,8 @@ class WorkspaceResult:
 
 
 def number(value: float) -> float | None:
-    """Return the value, None where there is none (NaN has no place in JSON)."""
-    return None if math.isnan(value) else value
+    """Return the value, None for NaN and infinity, which have no place in JSON."""
+    return value if math.isfinite(value) else None
 
 
 def index_note(kind: JacobianKind, length: float | None, unit: str) -> str:
@@ -240,7 +241,7 @@ def measure_to_target(
     target is checked by one further doubling.
     """
     replicates = sweeper.settings.replicates or split_samples(_FIRST_ROUND, None)[0]
-    last = _FIRST_ROUND // replicates
+    last = max(1, _FIRST_ROUND // replicates // BLOCK) * BLOCK  # a later round begins a block
     tallies = _accumulate(sweeper, design, replicates, [(0, last)], progress)
     met = 0
     while True:
@@ -311,6 +312,7 @@ def _result(
         grid=settings.grid,
         replicates=tallies.reachable.shape[1],
         box=dict(zip(names, ends, strict=True)),
+        limits=sweeper.limits,
         settings=settings,
         volume=estimates.volume,
         volume_unit=unit,

@@ -281,7 +281,16 @@ class Mechanism(ABC):
             if len(pair) != 2 or None in pair or not pair[0] < pair[1]:  # type: ignore[operator]
                 shown = ":".join(map(str, value)) if isinstance(value, list | tuple) else value
                 raise InputError(f"{where}: {name}={shown} is no range: lower < upper is needed")
-            checked[name] = (float(pair[0]), float(pair[1]))  # type: ignore[arg-type]
+            low, high = float(pair[0]), float(pair[1])  # type: ignore[arg-type]
+            if coordinates[names.index(name)].kind == "angle":
+                # Results lie in (-pi, pi]: that is where an open range ends.
+                low = -math.pi if low == -math.inf else low
+                high = math.pi if high == math.inf else high
+                if not low < high:
+                    raise InputError(
+                        f"{where}: {name}={pair[0]}:{pair[1]} is empty: angles lie in (-pi, pi]"
+                    )
+            checked[name] = (low, high)
         return checked
 
     def check_coordinates(
@@ -338,6 +347,6 @@ def within(value: float, limits: tuple[float, float], kind: Kind) -> bool:
     low, high = limits
     if kind == "length":
         return low <= value <= high
-    if high - low >= 2 * math.pi:
+    if not high - low < 2 * math.pi:
         return True
     return math.cos(value - (low + high) / 2) >= math.cos((high - low) / 2) - 4e-16

@@ -159,7 +159,9 @@ class PauuPpap(Mechanism):
         """Return the box of both limbs' tori, cut at z = h and at the slider's limits (y = d)."""
         m, n, l1, l2, c = _lengths(parameters)
         reach, shift = l1 + l2, abs(m - n)
-        x = reach - shift
+        # 4 (m - n) x is the difference of the squares of two distances r, each between the folded
+        # and the stretched limb: it bounds x where the other limb's hole cuts the workspace.
+        x = min(reach - shift, l1 * l2 / shift) if shift else reach
         # At x = 0 both cranks reach furthest along y: within l1 of the shift the full link.
         y2 = l2**2 - max(shift - l1, 0.0) ** 2
         z2 = reach**2 - shift**2
@@ -187,7 +189,8 @@ class PauuPpap(Mechanism):
         for limb, (a, b) in zip(self.limbs, _planar(parameters, pose), strict=False):
             r = math.hypot(a, b)
             near, far = math.hypot(r - l1, y), math.hypot(r + l1, y)
-            reason = "too far" if r >= l1 and l2 - near <= far - l2 else "too close"
+            stretched = l2 - near <= far - l2 and (r >= l1 or abs(y) > l2)
+            reason = "too far" if stretched else "too close"
             result.append(Reach(limb.name, min(l2 - near, far - l2), reason))
         return tuple(result)
 
@@ -232,7 +235,7 @@ class PauuPpap(Mechanism):
         rise2 = l2**2 - d**2 - half_distance**2
         if rise2 < -ON_SURFACE * l2**2:
             return ()
-        if half_distance == 0.0:
+        if half_distance <= ON_SURFACE * l2:
             raise InputError(
                 "joints: a forward singularity, the end points of both cranks coincide as seen "
                 "from the platform; the poses form a circle"

@@ -16,7 +16,7 @@ _NOT_MECHANISMS = {"base", "registry"}
 
 
 def _key(name: str) -> str:
-    return "".join(ch for ch in name.casefold() if ch not in " -_/")
+    return "".join(ch for ch in name.casefold() if ch.isalnum())
 
 
 def collect(mechanisms: list[Mechanism]) -> dict[str, Mechanism]:

@@ -102,8 +102,11 @@ def inverse_condition_2(a, b, c, d, e, f, g, h, i):
     gap = half_sum * half_sum - product
     gap = gap if gap > 0.0 else 0.0
     l2 = half_sum + math.sqrt(gap)
-    result = math.sqrt(product * inverse_l1 / (l2 + TINY))
-    return result if result < 1.0 else 1.0
+    l2 = l2 if l2 < l1 else l1
+    l3 = product / (l2 + TINY)
+    # Near rank one l2 and l3 are rounding errors: what remains certain is their order.
+    l3 = l3 if l3 < l2 else l2
+    return math.sqrt(l3 * inverse_l1)
 
 
 def inverse_condition_fro(a, b, c, d, e, f, g, h, i):
@@ -124,4 +127,7 @@ def inverse_condition_fro(a, b, c, d, e, f, g, h, i):
         + m31 * m31 + m32 * m32 + m33 * m33
     )  # fmt: skip
     norm2 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
-    return abs(det) / math.sqrt(norm2 * minors + TINY)
+    result = abs(det) / math.sqrt(norm2 * minors + TINY)
+    # At most the second over the largest singular value; near rank one det is a rounding error.
+    bound = 3.0 * math.sqrt(minors) / (norm2 + TINY)
+    return result if result < bound else bound

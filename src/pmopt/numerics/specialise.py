@@ -33,6 +33,7 @@ CONDITIONING = {"2": condition.inverse_condition_2, "fro": condition.inverse_con
 _INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
 _ENTRY = '@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")'
 _ENTRIES = ("sweep", "field")
+_STUBS = ("margin_of", "lci_of", "unpack")
 _FIXED_TIME = 1_000_000_000  # numba checks the file's time stamp: the same text, the same stamp
 
 _loaded: dict[tuple[Callable[..., Any], int, int, int, str], ModuleType] = {}
@@ -51,13 +52,15 @@ def cache_root() -> Path:
 def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
     """Add the source of ``function`` and of all it refers to, dependencies first."""
     for name in sorted(_names(function)):
-        value = function.__globals__.get(name)
-        if name in blocks or name not in function.__globals__:
+        if name not in function.__globals__ or name in _STUBS:
             continue
+        value = function.__globals__[name]
         if inspect.isfunction(value):
             _collect(value, blocks)
         elif isinstance(value, bool | int | float):
-            blocks[name] = f"{name} = {value!r}"
+            text = f"{name} = {value!r}"
+            if blocks.setdefault(name, text) != text:
+                raise TypeError(f"two kernel constants are named {name}")
         elif value is not math and value is not np:
             raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
     source = textwrap.dedent(inspect.getsource(function))

@@ -1,0 +1,90 @@
+"""The command line as a process, and what every answer of it must keep."""
+
+import csv
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+COMMAND = [sys.executable, "-m", "pmopt"]
+TIMEOUT = 120  # s; only a hang takes that long
+
+
+def environment(**changes):
+    """Return the environment without settings of threads and colours, with changes."""
+    names = ("NUMBA_NUM_THREADS", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "COLUMNS")
+    return {k: v for k, v in os.environ.items() if k not in names} | changes
+
+
+def pmopt(*args, cwd, env=None):
+    """Run the command line; arguments as a shell would pass them."""
+    return subprocess.run(
+        [*COMMAND, *map(str, args)], cwd=cwd, env=environment(**(env or {})), timeout=TIMEOUT,
+        capture_output=True, text=True, encoding="utf-8",
+    )  # fmt: skip
+
+
+def answer(*args, cwd, env=None):
+    """Return what a command that has to succeed prints."""
+    result = pmopt(*args, cwd=cwd, env=env)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def json_answer(*args, cwd, env=None):
+    """Return a command's JSON, refusing what JSON does not have."""
+    return strict_json(answer(*args, "--format", "json", cwd=cwd, env=env))
+
+
+def csv_answer(*args, cwd, env=None):
+    """Return a command's CSV as dictionaries, checked."""
+    return csv_rows(answer(*args, "--format", "csv", cwd=cwd, env=env))
+
+
+def error_line(result, code=2):
+    """Return the one line on stderr of a command that has to fail."""
+    assert result.returncode == code, result.stderr
+    assert "Traceback" not in result.stderr
+    lines = [line for line in result.stderr.splitlines() if line.strip()]
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+def strict_json(text):
+    """Parse JSON; NaN and Infinity are no JSON."""
+
+    def refuse(name):
+        raise AssertionError(f"{name} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def csv_rows(text):
+    """Parse CSV: a header of unique names, as many cells in every row, shortest floats."""
+    head, *body = list(csv.reader(io.StringIO(text)))
+    assert len(set(head)) == len(head)
+    for row in body:
+        assert len(row) == len(head)
+        for cell in row:
+            assert "," not in cell or not cell.replace(",", "").isdigit()
+            if is_float(cell):
+                assert repr(float(cell)) == cell, f"{cell} is not in shortest form"
+    return [dict(zip(head, row, strict=True)) for row in body]
+
+
+def is_float(cell):
+    """Return whether a cell holds a float (not a whole number or text)."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return not cell.lstrip("-").isdigit()
+
+
+def files_in(folder):
+    """Return every file below a folder."""
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())

@@ -25,7 +25,7 @@ def default_threads() -> int:
         if hasattr(os, "sched_getaffinity"):
             return len(os.sched_getaffinity(0))
         return os.cpu_count() or 1
-    if not given.isdigit() or int(given) < 1:
+    if not (given.isascii() and given.isdigit()) or int(given) < 1:
         raise InputError(f"NUMBA_NUM_THREADS: {given!r} is not a whole number of at least 1")
     return int(given)
 

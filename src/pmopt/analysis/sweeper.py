@@ -118,7 +118,8 @@ class Sweeper:
         self.mechanism = mechanism
         self.settings = settings
         self.seed = seed
-        self.threads = threads or default_threads()
+        default = default_threads()  # numba reads the variable too: a bad one is refused here
+        self.threads = threads or default
         self.working_mode = mechanism.check_mode(settings.working_mode, f"{where}: working_mode")
         self.domain = mechanism.check_ranges(settings.domain, mechanism.pose, f"{where}: domain")
         self.limits = mechanism.check_ranges(settings.limits, mechanism.joints, f"{where}: limits")

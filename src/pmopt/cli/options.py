@@ -166,7 +166,7 @@ def _params_file(path: Path) -> dict[str, Any]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"--params: {path}: can not read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"--params: {path}: is no TOML file: {error}") from None
     table = data.get("parameters", data)
     if not isinstance(table, dict):
@@ -196,8 +196,10 @@ def parse_edges(text: str) -> tuple[float, ...]:
     return tuple(parse_number("--regions", "edge", part) for part in text.split(","))
 
 
-def read_rows(path: Path, option: str, columns: Sequence[str]) -> list[dict[str, float]]:
-    """Return the rows of a CSV file of poses or joint positions.
+def read_rows(
+    path: Path, option: str, columns: Sequence[str]
+) -> list[tuple[int, dict[str, float]]]:
+    """Return the line numbers and rows of a CSV file of poses or joint positions.
 
     Raises
     ------
@@ -208,20 +210,23 @@ def read_rows(path: Path, option: str, columns: Sequence[str]) -> list[dict[str,
 
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            rows = list(reader)
+            reader = csv.reader(stream)
+            lines = [(reader.line_num, cells) for cells in reader if cells]
     except OSError as error:
         raise InputError(f"{option}: {path}: can not read: {error.strerror or error}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{option}: {path}: is no CSV file: {error}") from None
-    if not rows:
+    if len(lines) < 2:
         raise InputError(f"{option}: {path}: has no rows; columns needed: {', '.join(columns)}")
-    if len(set(reader.fieldnames or ())) < len(reader.fieldnames or ()):
-        raise InputError(f"{option}: {path}: a column is given twice")
-    parsed = []
-    for line, row in enumerate(rows, start=2):
-        if None in row or None in row.values():
-            raise InputError(f"{option}: {path}, line {line}: not as many cells as the header")
-        where = f"{option}: {path}, line {line}"
-        parsed.append({k.strip(): parse_number(where, k.strip(), v) for k, v in row.items()})
-    return parsed
+    head = [name.strip() for name in lines[0][1]]
+    for name in head:
+        if head.count(name) > 1:
+            raise InputError(f"{option}: {path}: column {name} is given twice")
+    rows = []
+    for number, cells in lines[1:]:
+        where = f"{option}: {path}, line {number}"
+        if len(cells) != len(head):
+            raise InputError(f"{where}: {len(cells)} cells, the header has {len(head)}")
+        values = {k: parse_number(where, k, v) for k, v in zip(head, cells, strict=True)}
+        rows.append((number, values))
+    return rows

@@ -25,14 +25,14 @@ def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
 
 
 def _each(
-    rows: list[dict[str, float]],
+    rows: list[tuple[int, dict[str, float]]],
     where: str,
     solve: Callable[[dict[str, float], str], Result],
     empty: Callable[[dict[str, float]], Result],
 ) -> tuple[list[Result], InputError | None]:
     """Solve every row; what is out of reach gets no solutions and one error for all."""
     results, misses = [], []
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
         try:
             results.append(solve(row, f"{where}, line {line}"))
         except UnreachableError as error:
@@ -82,7 +82,7 @@ def ik_command(
         return kinematics.no_inverse(mechanism, checked)
 
     results, error = _each(rows, f"--poses: {poses}", solve, empty)
-    emit(form, [r.to_dict() for r in results], [tables.inverse_table(results)])
+    emit(form, [r.to_dict() for r in results], [tables.inverse_table(results, many=True)])
     if error:
         raise error
 
@@ -122,7 +122,7 @@ def fk_command(
         return kinematics.no_forward(mechanism, checked)
 
     results, error = _each(rows, f"--joints-file: {joints_file}", solve, empty)
-    emit(form, [r.to_dict() for r in results], [tables.forward_table(results)])
+    emit(form, [r.to_dict() for r in results], [tables.forward_table(results, many=True)])
     if error:
         raise error
 

@@ -153,11 +153,11 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
     ]  # fmt: skip
 
 
-def inverse_table(results: Sequence[InverseResult]) -> Table:
-    """Return branches, a row each; several poses are numbered."""
+def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
+    """Return branches, a row each; of ``many`` poses each is numbered and repeated."""
     first = results[0]
     joints = [c for c in first.units if c not in first.pose]
-    poses = list(first.pose) if len(results) > 1 else []
+    poses = list(first.pose) if many else []
     columns = (*(["row"] if poses else []), *poses, "working_mode", *joints, "within_limits")
     rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
@@ -172,11 +172,11 @@ def inverse_table(results: Sequence[InverseResult]) -> Table:
     return Table(title, columns, tuple(rows), first.units)
 
 
-def forward_table(results: Sequence[ForwardResult]) -> Table:
-    """Return assembly modes, a row each; several joint positions are numbered."""
+def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table:
+    """Return assembly modes, a row each; of ``many`` joint positions each is numbered."""
     first = results[0]
     poses = [c for c in first.units if c not in first.joints and c != "residual"]
-    joints = list(first.joints) if len(results) > 1 else []
+    joints = list(first.joints) if many else []
     columns = (*(["row"] if joints else []), *joints, *poses, "residual")
     rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
@@ -278,13 +278,15 @@ def pareto_tables(run: ParetoRun) -> list[Table]:
     ends = ("end", front.designs[0]), ("knee", front.knee), ("end", front.designs[-1])
     parameters = [k for k, v in front.designs[0].parameters.items() if v is not None]
     objectives = list(front.designs[0].objectives)
-    rows = []
+    rows, display = [], []
     for name, design in ends:
-        row: list[Cell] = [name, design.number, *(design.parameters[k] for k in parameters)]
-        for k in objectives:
-            row += with_error(design.objectives[k], design.errors[k])
-        rows.append(tuple(row))
-    columns = ("", "design", *parameters, *(c for k in objectives for c in (k, f"{k}_error")))
+        head: list[Cell] = [name, design.number, *(design.parameters[k] for k in parameters)]
+        pairs = [(design.objectives[k], design.errors[k]) for k in objectives]
+        rows.append((*head, *(number for pair in pairs for number in pair)))
+        display.append((*head, *(text for pair in pairs for text in with_error(*pair))))
+    columns = (
+        "place", "design", *parameters, *(c for k in objectives for c in (k, f"{k}_error")),
+    )  # fmt: skip
     notes = [
         f"{len(front.designs)} designs, hypervolume {front.hypervolume:.6g} "
         f"{front.units['hypervolume']} from volume 0, gci 0"
@@ -292,4 +294,4 @@ def pareto_tables(run: ParetoRun) -> list[Table]:
     notes += [describe_idle(direction) for direction in front.idle]
     if run.folder:
         notes.append(f"written to {run.folder}")
-    return [Table("Pareto front", columns, tuple(rows), front.units, tuple(notes))]
+    return [Table("Pareto front", columns, tuple(rows), front.units, tuple(notes), tuple(display))]

@@ -101,8 +101,9 @@ class Plan:
         return Table(
             "Dry run",
             ("would", "points", "estimated_time"),
-            ((self.what, f"{self.points:.4g}", f"{self.seconds:.2g}"),),
+            ((self.what, self.points, self.seconds),),
             self.units,
+            display=((self.what, f"{self.points:.4g}", f"{self.seconds:.2g}"),),
         )
 
 

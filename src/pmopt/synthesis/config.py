@@ -163,7 +163,7 @@ def load_config(path: Path) -> RunConfig:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: can not read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         message = " ".join(str(error).split())
         raise InputError(f"{path}: is no TOML file: {message}") from None
     return resolve_config(data, str(path))

@@ -446,7 +446,12 @@ def test_extreme_poses_touch_the_box(given):
             assert limb.distance == pytest.approx(0, abs=1e-12)
     np.testing.assert_allclose(lower[:2], -upper[:2])
     assert upper[2] - 2 * params["c"] == pytest.approx(2 * params["c"] - lower[2])
-    end = {"x": upper[0], "y": 0, "z": 2 * params["c"]}
+    # A limb is stretched at the end of x, in the plane of the crank axes unless a hole cuts x there.
+    reach2 = (params["l1"] + params["l2"]) ** 2
+    rise = math.sqrt(max(reach2 - (shift + upper[0]) ** 2, 0))
+    end = {"x": upper[0], "y": 0, "z": 2 * params["c"] + rise}
+    for limb in PAUU.reach(params, end):
+        assert limb.distance >= -1e-12
     assert max(naive.lines_of_sight(params, end))[0] == pytest.approx(params["l1"] + params["l2"])
 
 
@@ -507,12 +512,15 @@ def test_default_domain_is_the_half_above_the_pivots():
     assert PAUU.default_domain(PAUU.resolve({"c": 0.3})) == {"z": (0.6, math.inf)}
 
 
-def test_half_open_angle_limits_are_no_limit():
-    """A range wider than a turn holds every angle, as ``within`` has it."""
-    assert within(2.0, (-math.inf, 1.0), "angle")
-    open_ended = PAUU.kernel_constants(DEFAULT, "out-out", 1.0, {"theta1": (-math.inf, 1.0)})
-    free = PAUU.kernel_constants(DEFAULT, "out-out", 1.0, {})
+def test_half_open_angle_limits_end_at_half_a_turn():
+    """Results lie in (-pi, pi]: an open end of a range is there."""
+    checked = PAUU.check_ranges(
+        {"theta1": (-math.inf, 1.0), "d": (0.0, math.inf)}, PAUU.joints, "limits"
+    )
+    assert checked == {"theta1": (-math.pi, 1.0), "d": (0.0, math.inf)}
+    constants = PAUU.kernel_constants(DEFAULT, "out-out", 1.0, {"theta1": checked["theta1"]})
     for pose in reachable_poses(DEFAULT, 0, 20):
-        assert (PAUU.kernel(*pose.values(), open_ended)[0] >= 0) == (
-            PAUU.kernel(*pose.values(), free)[0] >= 0
-        )
+        (out,) = (s for s in PAUU.inverse(DEFAULT, pose) if s.working_mode == "out-out")
+        assert (PAUU.kernel(*pose.values(), constants)[0] >= 0) == (out.joints["theta1"] <= 1.0)
+    with pytest.raises(InputError, match="theta1=-inf:-4.0 is empty"):
+        PAUU.check_ranges({"theta1": (-math.inf, -4)}, PAUU.joints, "limits")

@@ -89,9 +89,11 @@ def test_diagonal_in_any_order(order, diagonal):
 @given(seeds)
 def test_isotropy_is_one_and_a_third(seed):
     """The Frobenius index is a third of the other where J is isotropic."""
-    matrix = 0.37 * rotation(np.random.default_rng(seed))
-    assert apply(inverse_condition_2, matrix) == pytest.approx(1, abs=ACCURACY)
-    assert apply(inverse_condition_fro, matrix) == pytest.approx(1 / 3, abs=4 * EPS)
+    rng = np.random.default_rng(seed)
+    for _ in range(20):  # one in fifty would be above 1 by rounding
+        matrix = 0.37 * rotation(rng)
+        assert 1 - ACCURACY < apply(inverse_condition_2, matrix) <= 1
+        assert apply(inverse_condition_fro, matrix) == pytest.approx(1 / 3, abs=4 * EPS)
 
 
 @BOTH

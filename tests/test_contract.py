@@ -397,13 +397,16 @@ def test_population_equals_designs_one_by_one(mechanism, threads):
         sweeper.design(mechanism.resolve({sized[0]: s * mechanism.resolve({})[sized[0]]}))
         for s in scales
     ]
+    # An empty box at a reachable pose: a single point repeated, which must not count.
     empty = sweeper.design(mechanism.resolve({}))
+    empty.lower[:] = list(reachable(mechanism, mechanism.resolve({}), 1)[0][0].values())
     empty.width[:] = 0
     designs.insert(2, empty)
     points = sweeper.sequence(4)
     whole = sweeper.tally_population(designs, points, 3000)
     population = of_population(whole)
     assert population.volume[2] == 0
+    assert not whole.reachable[2].any()
     assert math.isnan(population.gci[2])
     for i, design in enumerate(designs):
         single = sweeper.tally([design], points, 0, 3000, BINS)

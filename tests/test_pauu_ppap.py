@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from pmopt.analysis.kinematics import forward_kinematics, inverse_kinematics
+from pmopt.analysis.kinematics import forward_kinematics, inverse_kinematics, jacobian_at
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.base import within, wrap_angle
@@ -224,10 +224,7 @@ def test_forward_out_of_reach():
     ("given", "theta"),
     [
         ({"m": 1.0, "n": 0.5, "l1": 0.5}, math.pi),
-        pytest.param(
-            {"m": 0.7, "n": 0.7},
-            math.pi / 2,
-        ),
+        ({"m": 0.7, "n": 0.7}, math.pi / 2),  # but for a rounding error
     ],
 )
 def test_forward_where_every_pose_of_a_circle_fits(given, theta):
@@ -294,6 +291,26 @@ def test_stretched_and_folded_limbs_are_type_1_singular(params, turn, tube):
     margin, *entries = PAUU.kernel(*pose.values(), constants)
     assert abs(margin) < 1e-12
     assert naive.inverse_condition(np.reshape(entries, (3, 3))) < 1e-5
+
+
+def test_jacobian_at_singular_poses_is_an_answer():
+    """A stretched limb (type I) and aligned links (type II): no J, index 0, and why."""
+    stretched = {"x": 0.3, "y": 0.0, "z": 0.2 + math.sqrt((0.65 + 1.5) ** 2 - (0.3 + 0.3) ** 2)}
+    result = jacobian_at(PAUU, {}, stretched)
+    assert result.jacobian is None
+    assert result.singular_values is None
+    assert result.lci == result.lci_raw == result.lci_homogenized == 0
+    assert result.singular == ("type 1, limb 2",)
+    apart = DEFAULT["m"] - DEFAULT["n"] + 0.65 * math.cos(0.5)
+    joints = {"theta1": 0.5, "theta2": 0.5, "d": math.sqrt(1.5**2 - apart**2)}
+    pose = PAUU.forward(DEFAULT, joints)[0].pose
+    modes = {s.working_mode: s.joints for s in PAUU.inverse(DEFAULT, pose)}
+    mode = min(modes, key=lambda k: joint_gap(modes[k], joints).max())
+    # The pose is known to the root of rounding errors only, hence the wide measure.
+    assert abs(jacobian_at(PAUU, {}, pose, mode).forward_measure["platform"]) < 1e-7
+    regular = jacobian_at(PAUU, {}, {"x": 0.1, "y": 0.2, "z": 1.3})
+    assert regular.singular == ()
+    assert regular.singular_values[-1] / regular.singular_values[0] == pytest.approx(regular.lci)
 
 
 @given(designs(), seeds)
@@ -446,7 +463,7 @@ def test_extreme_poses_touch_the_box(given):
             assert limb.distance == pytest.approx(0, abs=1e-12)
     np.testing.assert_allclose(lower[:2], -upper[:2])
     assert upper[2] - 2 * params["c"] == pytest.approx(2 * params["c"] - lower[2])
-    # A limb is stretched at the end of x, in the plane of the crank axes unless a hole cuts x there.
+    # At the end of x a limb is stretched, level with the cranks unless a hole cuts x there.
     reach2 = (params["l1"] + params["l2"]) ** 2
     rise = math.sqrt(max(reach2 - (shift + upper[0]) ** 2, 0))
     end = {"x": upper[0], "y": 0, "z": 2 * params["c"] + rise}
@@ -482,12 +499,36 @@ def test_reach_box_of_nothing_is_empty(given):
 # --- limits -------------------------------------------------------------------------------
 
 
-@given(angles, angles, st.floats(0.01, 7), st.sampled_from([-1, 0, 2]))
+@given(angles, angles, st.floats(0.01, 6.2) | st.floats(6.4, 12), st.sampled_from([-1, 0, 2]))
 def test_angle_limits_count_modulo_a_turn(value, low, size, turns):
     offset = (value - low) % (2 * math.pi)
     assume(min(abs(offset - size), abs(offset), abs(offset - 2 * math.pi)) > 1e-6)
     limits = (low, low + size)
     assert within(value + 2 * math.pi * turns, limits, "angle") == (offset <= size)
+
+
+arcs = st.tuples(angles, st.floats(0.3, 6.2) | st.floats(6.4, 9))
+
+
+@given(designs(), seeds, arcs, arcs, st.floats(-1, 0), st.floats(0, 1), st.floats(0.2, 1))
+def test_kernel_keeps_every_limit(params, seed, first, second, low, high, share):
+    """Margin >= 0 exactly within theta1, theta2, d and h, each limit in turn and all at once."""
+    _, upper = PAUU.reach_box(params, {})
+    capped = {**params, "h": max(share * float(upper[2]), 1e-3)}
+    slide = (low * params["l2"] - 1e-3, high * params["l2"] + 1e-3)
+    limits = {
+        "theta1": (first[0], sum(first)),
+        "theta2": (second[0], sum(second)),
+        "d": slide,
+    }
+    cases = [(capped, {}), (params, limits), (capped, limits)]
+    cases += [(params, {name: limits[name]}) for name in limits]
+    for pose in reachable_poses(params, seed, 10):
+        for mode, joints in naive.inverse(params, pose).items():
+            for case, ranges in cases:
+                constants = PAUU.kernel_constants(case, mode, 1.0, ranges)
+                kept = naive.keeps_limits(case, pose, joints, ranges)
+                assert (PAUU.kernel(*pose.values(), constants)[0] >= 0) == kept
 
 
 def test_angles_are_wrapped_to_the_half_open_turn():
@@ -522,5 +563,5 @@ def test_half_open_angle_limits_end_at_half_a_turn():
     for pose in reachable_poses(DEFAULT, 0, 20):
         (out,) = (s for s in PAUU.inverse(DEFAULT, pose) if s.working_mode == "out-out")
         assert (PAUU.kernel(*pose.values(), constants)[0] >= 0) == (out.joints["theta1"] <= 1.0)
-    with pytest.raises(InputError, match="theta1=-inf:-4.0 is empty"):
+    with pytest.raises(InputError, match=r"theta1=-inf:-4\.0 is empty"):
         PAUU.check_ranges({"theta1": (-math.inf, -4)}, PAUU.joints, "limits")

@@ -146,6 +146,8 @@ def test_scrambling_is_random_in_every_bit():
         # Without a random matrix two points would keep one distance, by XOR, in all replicates.
         bits = as_integers(values[:, d, 0]) ^ as_integers(values[:, d, 3])
         assert len(set(bits.tolist())) == 200
+    across = np.corrcoef(values[:, :, 0].T)[~np.eye(3, dtype=bool)]
+    assert np.abs(across).max() < 4.5 / np.sqrt(200)
 
 
 # --- Monte Carlo --------------------------------------------------------------------------

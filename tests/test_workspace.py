@@ -117,6 +117,17 @@ def test_target_error_is_reached(sampler):
     assert result.samples & (result.samples - 1) == 0
 
 
+def test_target_error_is_not_met_by_a_near_miss():
+    """With a target a tenth below the error of 2^19 samples, more are taken."""
+    options = {"sampler": "monte-carlo", "replicates": 16}
+    first = compute(TORUS, samples=2**19, **options)
+    estimates = (first.volume, first.gci)
+    target = 0.9 * max(e.error / e.value for e in estimates)
+    result = compute(TORUS, target_error=target, **options)
+    assert result.samples > 2**19
+    assert max(e.error / e.value for e in (result.volume, result.gci)) <= target
+
+
 def test_target_error_out_of_reach_is_an_error(monkeypatch):
     monkeypatch.setattr(workspace_module, "MAX_SAMPLES", 2**20)
     with pytest.raises(PmoptError, match=r"target error 1e-07 not reached with 1048576 samples"):
@@ -204,6 +215,7 @@ def test_samples_are_what_was_asked_for(samples):
     replicates, each = split_samples(samples, None)
     assert replicates * each == samples
     assert 8 <= replicates <= 32
+    assert all(samples % r for r in range(8, 33) if abs(r - 16) < abs(replicates - 16))
     assert compute(samples=samples).samples == samples
     assert split_samples(samples, 5) == (5, math.ceil(samples / 5))
 
@@ -409,6 +421,8 @@ def test_all_numbers_have_units():
         ({"h": 0.15}, {}),  # lower than the pivots, where the default domain begins
         ({}, {"limits": {"d": (2.0, 3.0)}}),
         ({}, {"min_lci": 0.9}),
+        # No height is left between domain and h, though the corner of the box is in reach.
+        ({"h": 1.0}, {"domain": {"x": (0.1, 0.2), "y": (0, 0.1), "z": (1.0, 2.0)}}),
         # About (0, 0, 1.25) the cranks stand at -0.1 to 0.4 rad.
         (
             {},
@@ -566,6 +580,11 @@ def test_topology_of_specks():
     members[20, 20, 20] = False
     members[0, :3, 30] = True
     assert counts(members) == (1, 0, 0, 3)
+    few = np.zeros((9, 9, 9), dtype=bool)
+    few[:4, :4, :4] = few[8, 8, :7] = True
+    assert counts(few) == (1, 0, 0, 1)
+    few[8, 7, 0] = True
+    assert counts(few) == (2, 0, 0, 0)
     nothing = np.zeros((6, 6, 6), dtype=bool)
     assert counts(nothing) == (0, 0, 0, 0)
     assert counts(~nothing) == (1, 0, 0, 0)

@@ -12,7 +12,7 @@ from pmopt.errors import InputError
 from pmopt.files import write_atomic
 from pmopt.mechanisms import find
 from pmopt.reporting.starting_config import starting_config
-from pmopt.reporting.tables import Table
+from pmopt.reporting.table import Table
 
 
 @click.command("init")

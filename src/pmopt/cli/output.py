@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import click
 
-from pmopt.reporting.tables import Table, shown, to_csv, to_json
+from pmopt.reporting.table import Table, shown, to_csv, to_json
 
 
 def emit(form: str, document: Any, tables: Sequence[Table]) -> None:

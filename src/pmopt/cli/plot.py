@@ -27,7 +27,7 @@ def plot_command(
       pmopt plot outputs/quickstart --out pictures
     """
     from pmopt.reporting import pictures
-    from pmopt.reporting.tables import Table
+    from pmopt.reporting.table import Table
 
     folder = out or run
     drawn = pictures.of_folder(run, threads)

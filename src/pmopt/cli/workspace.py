@@ -83,6 +83,7 @@ def workspace_command(
     from pmopt.analysis.shape import DEFAULT_GRID
     from pmopt.analysis.validation import validated
     from pmopt.reporting import tables, workspace_run
+    from pmopt.reporting.tasks import WorkspaceTask
 
     given: dict[str, Any] = {
         "samples": samples,
@@ -102,7 +103,7 @@ def workspace_command(
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"
     )
-    task = workspace_run.WorkspaceTask(
+    task = WorkspaceTask(
         mechanism,
         mechanism.resolve(options.parse_params(params), "--params"),
         settings,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from pmopt.analysis.sweeper import Notify
 from pmopt.errors import InfeasibleError, InputError
-from pmopt.reporting import run_folder
+from pmopt.reporting import pictures, run_folder
 from pmopt.reporting.run_folder import RunFolder
-from pmopt.reporting.workspace_run import PLAN_UNITS, Plan
+from pmopt.reporting.tasks import Plan
 from pmopt.synthesis.checkpoint import Checkpoint, plain
 from pmopt.synthesis.config import RunConfig
 from pmopt.synthesis.front import Front, FrontDesign, measure_front
@@ -149,7 +149,7 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
         f"{settings.generations} generations"
     )
     points = float(designs) * (config.workspace.samples or 0)
-    return Plan(what, points, each * designs + final, PLAN_UNITS)
+    return Plan(what, points, each * designs + final)
 
 
 def finished(config: RunConfig, out: Path) -> bool:
@@ -176,8 +176,6 @@ def write_run(
     resumes: list[int],
 ) -> None:
     """Write tables, pictures and the manifest."""
-    from pmopt.reporting import pictures
-
     document = {
         "mechanism": config.mechanism,
         "config": plain(config),

@@ -11,7 +11,7 @@ from pmopt.errors import InputError
 from pmopt.reporting import plots
 from pmopt.reporting.fields import section_fields, surface_field
 from pmopt.reporting.run_folder import read_manifest
-from pmopt.reporting.workspace_run import WorkspaceTask
+from pmopt.reporting.tasks import WorkspaceTask
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

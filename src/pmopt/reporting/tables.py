@@ -1,15 +1,11 @@
-"""Results as tables: heads with units for people, bare names for CSV."""
+"""Results as tables."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pmopt.reporting.table import Cell, Table, with_error
 from pmopt.units import ONE
 
 if TYPE_CHECKING:
@@ -17,70 +13,6 @@ if TYPE_CHECKING:
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.mechanisms import Mechanism
     from pmopt.reporting.pareto_run import ParetoRun
-
-Cell = str | float | int | bool | None
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows under named columns.
-
-    ``units`` are by column name, ``notes`` are lines below, ``display`` stands for the rows where
-    people read them, e.g. with values rounded to their errors.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    units: dict[str, str]
-    notes: tuple[str, ...] = ()
-    display: tuple[tuple[Cell, ...], ...] = ()
-
-    def heads(self) -> list[str]:
-        """Return the column names with their units."""
-        return [
-            f"{c} ({self.units[c]})" if self.units.get(c, ONE) != ONE else c for c in self.columns
-        ]
-
-
-def to_json(document: Any) -> str:
-    """Return a document as JSON text, floats in shortest round-trip form."""
-    return json.dumps(document, indent=2, allow_nan=False)
-
-
-def to_csv(tables: Sequence[Table]) -> str:
-    """Return the first table as CSV."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(tables[0].columns)
-    for row in tables[0].rows:
-        writer.writerow(["" if cell is None else _csv_cell(cell) for cell in row])
-    return stream.getvalue().rstrip("\n")
-
-
-def _csv_cell(cell: Cell) -> str:
-    if isinstance(cell, bool):
-        return str(cell).lower()
-    return repr(cell) if isinstance(cell, float) else str(cell)
-
-
-def shown(cell: Cell) -> str:
-    """Return a cell as a table shows it."""
-    if cell is None:
-        return "-"
-    if isinstance(cell, bool):
-        return "yes" if cell else "no"
-    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
-
-
-def with_error(value: float, error: float) -> tuple[str, str]:
-    """Return a value rounded to its error's second digit, and the error with two digits."""
-    if math.isnan(value):
-        return "-", "-"
-    if not error > 0:
-        return f"{value:.6g}", "0"
-    digits = min(12, max(0, 1 - math.floor(math.log10(error))))
-    return f"{value:.{digits}f}", f"{error:.2g}"
 
 
 def mechanisms_table(mechanisms: Sequence[Mechanism]) -> Table:

@@ -1,0 +1,101 @@
+"""What a run is asked to do, and the plan a dry run shows instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.validation import validated
+from pmopt.errors import InputError
+from pmopt.mechanisms import Mechanism, find
+from pmopt.mechanisms.base import Parameters
+from pmopt.reporting.table import Table
+from pmopt.units import ONE
+
+
+@dataclass(frozen=True)
+class WorkspaceTask:
+    """What is to be sampled."""
+
+    mechanism: Mechanism
+    parameters: Parameters
+    settings: WorkspaceSettings
+    seed: int
+    shape_grid: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, enough to do it again."""
+        return {
+            "mechanism": self.mechanism.name,
+            "parameters": dict(self.parameters),
+            "workspace": _finite(self.settings.model_dump()),
+            "seed": self.seed,
+            "shape_grid": self.shape_grid,
+        }
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any], where: str) -> WorkspaceTask:
+        """Return the task a manifest describes.
+
+        Raises
+        ------
+        InputError
+        """
+        try:
+            mechanism = find(document["mechanism"])
+            workspace = {k: v for k, v in document["workspace"].items() if v is not None}
+            for table in ("domain", "limits"):
+                workspace[table] = {
+                    name: tuple(map(float, ends)) for name, ends in workspace[table].items()
+                }
+            if "grid" in workspace:
+                workspace.pop("sampler", None)
+            return cls(
+                mechanism,
+                mechanism.resolve(document["parameters"]),
+                validated(WorkspaceSettings, workspace, where),
+                int(document["seed"]),
+                int(document["shape_grid"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{where}: is no manifest of a workspace run: {error}") from None
+
+
+def _finite(value: Any) -> Any:
+    """Return a document with infinite numbers as text, which JSON can hold."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return str(value) if isinstance(value, float) and abs(value) == float("inf") else value
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run would do and the time it would take, measured on a small probe."""
+
+    what: str
+    points: float
+    seconds: float
+    units: ClassVar[dict[str, str]] = {"points": ONE, "estimated_time": "s"}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "would": self.what,
+            "points": self.points,
+            "estimated_time": self.seconds,
+            "units": self.units,
+        }
+
+    def table(self) -> Table:
+        """Return the one-row table."""
+        return Table(
+            "Dry run",
+            ("would", "points", "estimated_time"),
+            ((self.what, self.points, self.seconds),),
+            self.units,
+            display=((self.what, f"{self.points:.4g}", f"{self.seconds:.2g}"),),
+        )

@@ -91,12 +91,12 @@ def main(count: int) -> None:
 
     rng = np.random.default_rng(1)
 
-    def by_numpy(svd: bool, points: int) -> Callable[[], None]:
+    def by_numpy(svd: bool, length: int, arrays: int) -> tuple[Callable[[], None], int]:
         def run() -> None:
-            for _ in range(points // 100_000):
-                numpy_lci(lower + width * rng.random((3, 100_000)), *design_values, svd=svd).sum()
+            for _ in range(arrays):
+                numpy_lci(lower + width * rng.random((3, length)), *design_values, svd=svd).sum()
 
-        return run
+        return run, length * arrays
 
     def by_sweep(threads: int) -> Callable[[], None]:
         sweeper = sweepers[threads]
@@ -108,14 +108,14 @@ def main(count: int) -> None:
 
         return run
 
-    small = max(100_000, count // 20)
+    long = max(100_000, min(1_000_000, count // 8))
     peers = {
-        "NumPy, closed form": (by_numpy(False, small), small),
-        "NumPy, batched svd": (by_numpy(True, small // 4 // 100_000 * 100_000 or 100_000),
-                               small // 4 // 100_000 * 100_000 or 100_000),
+        "NumPy, one long array": by_numpy(False, long, 1),
+        "NumPy, short arrays": by_numpy(False, 20_000, 10),
+        "NumPy, batched svd": by_numpy(True, 20_000, 5),
         "pmopt, 1 thread": (by_sweep(1), count),
         "pmopt, 2 threads": (by_sweep(2), count),
-    }  # fmt: skip
+    }
     times: dict[str, list[float]] = {name: [] for name in peers}
     for run, _ in peers.values():
         run()

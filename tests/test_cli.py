@@ -1,4 +1,4 @@
-"""Every command as a process: results, forms, exit codes and the one line of an error."""
+"""Every command: results, forms, exit codes, files, streams and the one line of an error."""
 
 import hashlib
 import math
@@ -14,9 +14,6 @@ import sys
 import time
 
 import pytest
-from pmopt import threads
-from pmopt.cli.main import COMMANDS
-
 from cli_runner import (
     COMMAND,
     CONFIGS,
@@ -27,12 +24,15 @@ from cli_runner import (
     environment,
     error_line,
     files_in,
+    here,
     json_answer,
-    json_answers,
     pmopt,
     pmopt_all,
     strict_json,
 )
+
+from pmopt import threads
+from pmopt.cli.main import COMMANDS
 
 MECH = "2pauu-ppap"
 POSE = "x=0.1,y=0.2,z=1.2"
@@ -88,10 +88,8 @@ def examples(tmp_path_factory):
     shutil.copytree(CONFIGS, folder / "configs")
     program = " ".join(map(shlex.quote, COMMAND))
     found = {}
-    helps = pmopt_all([(name, "--help") for name in COMMANDS], folder)
-    assert [h.returncode for h in helps] == [0] * len(COMMANDS)
-    for name, text in zip(COMMANDS, helps, strict=True):
-        example = example_of(text.stdout)
+    for name in COMMANDS:
+        example = example_of(answer(name, "--help", cwd=folder))
         home = {"HOME": str(folder)} if "~" in example else {}
         found[name] = example, subprocess.run(
             example.replace("pmopt", program, 1), shell=True, cwd=folder, timeout=TIMEOUT,
@@ -124,16 +122,16 @@ def test_examples_write_what_they_say(examples):
 
 @pytest.mark.parametrize("name", SHORT)
 def test_forms_hold_the_same_and_only_the_result(tmp_path, name):
-    commands = [(*SHORT[name], *options) for options in ((), *(("--format", f) for f in FORMS))]
-    default, *rest = pmopt_all(commands, tmp_path)
-    runs = dict(zip(FORMS, rest, strict=True))
-    for run in (default, *rest):
+    commands = [(*SHORT[name], "--format", form) for form in FORMS]
+    runs = dict(zip(FORMS, pmopt_all(commands, tmp_path), strict=True))
+    for command, run in zip(commands, runs.values(), strict=True):
         assert run.returncode == 0, run.stderr
         assert "\x1b" not in run.stdout + run.stderr
         assert "\r" not in run.stdout + run.stderr
+        assert run.stdout == answer(*command, cwd=tmp_path)
     assert strict_json(runs["json"].stdout)
     assert csv_rows(runs["csv"].stdout)
-    assert default.stdout == runs["table"].stdout
+    assert answer(*SHORT[name], cwd=tmp_path) == runs["table"].stdout
     assert files_in(tmp_path) == []
 
 
@@ -252,7 +250,7 @@ def test_jacobian_asked_for_homogenized(tmp_path):
         ("--characteristic-length", length) for length in (L1, 1)
     )  # fmt: skip
     commands = [(*SHORT["jacobian"], *given) for given in options]
-    raw, kind, length, unit = json_answers(commands, tmp_path)
+    raw, kind, length, unit = (json_answer(*command, cwd=tmp_path) for command in commands)
     assert kind["lci"] == kind["lci_homogenized"] == raw["lci_homogenized"] != raw["lci"]
     assert length["lci"] == kind["lci"]
     # Dividing by 1 m changes nothing.
@@ -270,7 +268,7 @@ def test_a_singular_pose_is_an_answer(tmp_path):
     near = json_answer("jacobian", MECH, "--pose", f"x=0,y=0,z={z - 1e-3!r}", cwd=tmp_path)
     assert near["J"] is not None
     assert 0 < near["lci"] < 0.1
-    beyond = pmopt("jacobian", MECH, "--pose", f"x=0,y=0,z={z + 1e-3!r}", cwd=tmp_path)
+    beyond = here("jacobian", MECH, "--pose", f"x=0,y=0,z={z + 1e-3!r}", cwd=tmp_path)
     assert "out of reach" in error_line(beyond)
 
 
@@ -288,7 +286,7 @@ def test_out_of_reach_names_limb_and_miss(tmp_path, command):
 
 
 def test_out_of_reach_names_only_the_limb_that_misses(tmp_path):
-    result = pmopt("ik", MECH, "--pose", "x=0.1,y=0,z=1", cwd=tmp_path)
+    result = here("ik", MECH, "--pose", "x=0.1,y=0,z=1", cwd=tmp_path)
     line = error_line(result)
     assert "limb 1" in line
     assert "limb 2" not in line
@@ -338,7 +336,7 @@ def test_joints_of_a_file_in_degrees(tmp_path):
 
 def test_rows_out_of_reach_are_kept_and_said(tmp_path):
     name = written(tmp_path, "x,y,z\n0,0,1.1\n5,0,1\n0,0,99\n")
-    result = pmopt("ik", MECH, "--poses", name, "--format", "json", cwd=tmp_path)
+    result = here("ik", MECH, "--poses", name, "--format", "json", cwd=tmp_path)
     assert [len(d["solutions"]) for d in strict_json(result.stdout)] == [4, 0, 0]
     line = error_line(result)
     assert f"{name}, line 3" in line
@@ -363,46 +361,38 @@ BAD_FILES = {
 }
 
 
-@pytest.fixture(scope="module")
-def bad_files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("poses")
-    names = [written(folder, text, f"{case}.csv") for case, (text, _) in BAD_FILES.items()]
-    results = pmopt_all([("ik", MECH, "--poses", name) for name in names], folder)
-    return dict(zip(BAD_FILES, results, strict=True))
-
-
 @pytest.mark.parametrize("case", BAD_FILES)
-def test_bad_poses_file(bad_files, case):
-    line = error_line(bad_files[case])
-    fragments = ("--poses", f"{case}.csv", *BAD_FILES[case][1])
-    assert all(fragment in line for fragment in fragments), line
+def test_bad_poses_file(tmp_path, case):
+    text, fragments = BAD_FILES[case]
+    line = error_line(here("ik", MECH, "--poses", written(tmp_path, text), cwd=tmp_path))
+    assert all(fragment in line for fragment in ("--poses", "rows.csv", *fragments)), line
 
 
 def test_bad_poses_file_that_is_no_text(tmp_path):
     (tmp_path / "rows.csv").write_bytes(b"\xff\xfe\x00x")
-    assert "rows.csv" in error_line(pmopt("ik", MECH, "--poses", "rows.csv", cwd=tmp_path))
+    assert "rows.csv" in error_line(here("ik", MECH, "--poses", "rows.csv", cwd=tmp_path))
     (tmp_path / "folder").mkdir()
-    assert "folder" in error_line(pmopt("ik", MECH, "--poses", "folder", cwd=tmp_path))
+    assert "folder" in error_line(here("ik", MECH, "--poses", "folder", cwd=tmp_path))
 
 
 def test_bad_joints_file_names_the_column_in_degrees(tmp_path):
     name = written(tmp_path, "theta1_deg,theta2,d\n10,0,x\n")
-    line = error_line(pmopt("fk", MECH, "--joints-file", name, cwd=tmp_path))
+    line = error_line(here("fk", MECH, "--joints-file", name, cwd=tmp_path))
     assert "--joints-file" in line
     assert "line 2: d=x" in line
     name = written(tmp_path, "theta1_deg,theta1,theta2,d\n10,0,0,0\n")
-    line = error_line(pmopt("fk", MECH, "--joints-file", name, cwd=tmp_path))
+    line = error_line(here("fk", MECH, "--joints-file", name, cwd=tmp_path))
     assert "theta1 is given twice" in line
 
 
 def test_line_number_after_a_blank_line(tmp_path):
     name = written(tmp_path, "x,y,z\n0,0,1.1\n\n0,abc,1\n")
-    assert "line 4" in error_line(pmopt("ik", MECH, "--poses", name, cwd=tmp_path))
+    assert "line 4" in error_line(here("ik", MECH, "--poses", name, cwd=tmp_path))
 
 
 def test_column_twice_but_for_a_space(tmp_path):
     name = written(tmp_path, "x, x,y,z\n0,0.1,0,1.1\n")
-    assert "twice" in error_line(pmopt("ik", MECH, "--poses", name, cwd=tmp_path))
+    assert "twice" in error_line(here("ik", MECH, "--poses", name, cwd=tmp_path))
 
 
 def test_columns_do_not_depend_on_the_number_of_rows(tmp_path):
@@ -513,13 +503,12 @@ def test_optimal_characteristic_length(tmp_path, command):
 )
 def test_any_number_of_threads_gives_the_same_bytes(tmp_path, options):
     command = ("workspace", MECH, "--format", "json", *options)
-    runs = pmopt_all([(*command, "--threads", n) for n in (1, 2, 3)], tmp_path)
-    assert runs[0].returncode == 0
-    assert runs[0].stdout == runs[1].stdout == runs[2].stdout != ""
+    one, two, three = (answer(*command, "--threads", n, cwd=tmp_path) for n in (1, 2, 3))
+    assert one == two == three
 
 
 def test_seed_changes_the_sample(tmp_path):
-    one, two = json_answers([(*SHORT["workspace"], "--seed", s) for s in (1, 2)], tmp_path)
+    one, two = (json_answer(*SHORT["workspace"], "--seed", s, cwd=tmp_path) for s in (1, 2))
     assert one["volume"]["value"] != two["volume"]["value"]
     allowed = 6 * (one["volume"]["standard_error"] + two["volume"]["standard_error"])
     assert abs(one["volume"]["value"] - two["volume"]["value"]) < allowed
@@ -593,7 +582,7 @@ def test_a_finished_run_is_not_overwritten(run):
     folder = run[0]
     before = {name: (folder / "run" / name).read_bytes() for name in files_in(folder / "run")}
     again = ("workspace", MECH, *SMALL, "--out", "run")
-    line = error_line(pmopt(*again, cwd=folder))
+    line = error_line(here(*again, cwd=folder))
     assert "run" in line
     assert "--force" in line
     assert before == {n: (folder / "run" / n).read_bytes() for n in files_in(folder / "run")}
@@ -608,10 +597,10 @@ def test_force_overwrites(run, tmp_path):
 
 
 def test_plot_of_what_is_no_finished_run(run, tmp_path):
-    assert "no finished run" in error_line(pmopt("plot", "nothing", cwd=tmp_path))
+    assert "no finished run" in error_line(here("plot", "nothing", cwd=tmp_path))
     shutil.copytree(run[0] / "run", tmp_path / "run")
     (tmp_path / "run/manifest.json").write_text('{"command": "workspace", "config": {}}')
-    assert "run" in error_line(pmopt("plot", "run", cwd=tmp_path))
+    assert "run" in error_line(here("plot", "run", cwd=tmp_path))
 
 
 def test_init_writes_a_config_that_pareto_takes(tmp_path):
@@ -621,11 +610,11 @@ def test_init_writes_a_config_that_pareto_takes(tmp_path):
     assert plan["points"] == 200 * 200 * 20_000
     assert plan["estimated_time"] > 0
     assert plan["units"]["estimated_time"] == "s"
-    line = error_line(pmopt("init", cwd=tmp_path))
+    line = error_line(here("init", cwd=tmp_path))
     assert f"{MECH}.toml" in line
     assert "--force" in line
     (tmp_path / f"{MECH}.toml").write_text("mine")
-    error_line(pmopt("init", cwd=tmp_path))
+    error_line(here("init", cwd=tmp_path))
     assert (tmp_path / f"{MECH}.toml").read_text() == "mine"
     answer("init", "--force", cwd=tmp_path)
     assert (tmp_path / f"{MECH}.toml").read_bytes() == before
@@ -647,7 +636,8 @@ def test_completion_script_is_a_script(tmp_path):
 def test_completion_completes(tmp_path, words, expected):
     env = {"_PMOPT_COMPLETE": "bash_complete", "COMP_WORDS": words,
            "COMP_CWORD": str(len(words.split()) - 1)}  # fmt: skip
-    assert answer(cwd=tmp_path, env=env).split() == [f"plain,{expected}"]
+    result = pmopt(cwd=tmp_path, env=env)
+    assert (result.returncode, result.stdout.split()) == (0, [f"plain,{expected}"])
 
 
 @pytest.mark.parametrize(
@@ -663,7 +653,7 @@ def test_dry_run_of_workspace(tmp_path, options):
 
 def test_dry_run_of_pareto_writes_nothing(tmp_path):
     config = CONFIGS / "quickstart.toml"
-    result = pmopt("pareto", config, "--out", "run", "--dry-run", "--format", "csv", cwd=tmp_path)
+    result = here("pareto", config, "--out", "run", "--dry-run", "--format", "csv", cwd=tmp_path)
     assert result.returncode == 0
     (row,) = csv_rows(result.stdout)
     assert float(row["points"]) == 60 * 40 * 10_000
@@ -702,26 +692,17 @@ BAD_PARAMS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def bad_params(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("params")
+@pytest.mark.parametrize(("given", "fragments"), BAD_PARAMS, ids=[str(g) for g, _ in BAD_PARAMS])
+def test_bad_params(tmp_path, given, fragments):
     for name, text in {
         "p": "l1 = 0.8", "unknown": "q = 1", "wrong": 'l1 = "yes"', "boolean": "l1 = true",
         "table": "parameters = 5", "torn": "l1 = ", "ranges": "[parameters]\nm = [0.5, 1.5]",
         "deep": "m = " + "[" * 50_000, "long": "m = " + "9" * 5000,
     }.items():  # fmt: skip
-        (folder / f"{name}.toml").write_text(text)
-    pose = ("ik", MECH, "--pose", POSE)
-    return pmopt_all(
-        [(*pose, *(word for text in given for word in ("--params", text)))
-         for given, _ in BAD_PARAMS], folder,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("case", range(len(BAD_PARAMS)), ids=[str(g) for g, _ in BAD_PARAMS])
-def test_bad_params(bad_params, case):
-    line = error_line(bad_params[case])
-    assert all(fragment in line for fragment in ("params", *BAD_PARAMS[case][1])), line
+        (tmp_path / f"{name}.toml").write_text(text)
+    options = [word for text in given for word in ("--params", text)]
+    line = error_line(here("ik", MECH, "--pose", POSE, *options, cwd=tmp_path))
+    assert all(fragment in line for fragment in ("params", *fragments)), line
 
 
 # --- bad inputs ---------------------------------------------------------------------------
@@ -798,29 +779,32 @@ BAD = [
 ]
 
 
-@pytest.fixture(scope="module")
-def bad_inputs(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("bad")
-    (folder / "good.toml").write_text(f'mechanism = "{MECH}"\n')
-    (folder / "bad.toml").write_text(f'mechanism = "{MECH}"\nobjectives = ["volumes", "gci"]\n')
-    results = pmopt_all([command.split() for command, _ in BAD], folder)
-    return folder, dict(zip([command for command, _ in BAD], results, strict=True))
+@pytest.fixture
+def folder_of_configs(tmp_path):
+    (tmp_path / "good.toml").write_text(f'mechanism = "{MECH}"\n')
+    (tmp_path / "bad.toml").write_text(f'mechanism = "{MECH}"\nobjectives = ["volumes", "gci"]\n')
+    return tmp_path
 
 
 @pytest.mark.parametrize(("command", "fragments"), BAD, ids=[c for c, _ in BAD])
-def test_bad_input_is_one_line(bad_inputs, command, fragments):
-    result = bad_inputs[1][command]
+def test_bad_input_is_one_line(folder_of_configs, command, fragments):
+    result = here(*command.split(), cwd=folder_of_configs)
     assert result.stdout == ""
     line = error_line(result)
     assert all(fragment in line for fragment in fragments), line
+    assert files_in(folder_of_configs) == ["bad.toml", "good.toml"]
 
 
-def test_bad_input_writes_nothing(bad_inputs):
-    assert files_in(bad_inputs[0]) == ["bad.toml", "good.toml"]
+def test_bad_input_of_a_process(folder_of_configs):
+    """One of each command, as a process: the same code and the same line."""
+    commands = {command.split()[0]: command.split() for command, _ in BAD}.values()
+    for command, result in zip(commands, pmopt_all(commands, folder_of_configs), strict=True):
+        assert result.stdout == ""
+        assert error_line(result) == error_line(here(*command, cwd=folder_of_configs))
 
 
 def test_quiet_keeps_errors(tmp_path):
-    line = error_line(pmopt("ik", MECH, "--pose", "x=9,y=0,z=1", "--quiet", cwd=tmp_path))
+    line = error_line(here("ik", MECH, "--pose", "x=9,y=0,z=1", "--quiet", cwd=tmp_path))
     assert "out of reach" in line
 
 
@@ -913,8 +897,8 @@ def test_bad_number_of_threads_in_the_environment(tmp_path, value):
 
 
 def test_good_number_of_threads_in_the_environment(tmp_path):
-    three = answer(*SHORT["workspace"], cwd=tmp_path, env={"NUMBA_NUM_THREADS": "3"})
-    assert three == answer(*SHORT["workspace"], cwd=tmp_path)
+    result = pmopt(*SHORT["workspace"], cwd=tmp_path, env={"NUMBA_NUM_THREADS": "3"})
+    assert (result.returncode, result.stdout) == (0, answer(*SHORT["workspace"], cwd=tmp_path))
 
 
 def test_bad_number_of_threads_beside_the_option(tmp_path):

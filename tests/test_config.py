@@ -5,16 +5,16 @@ import datetime
 import math
 
 import pytest
+from cli_runner import CONFIGS
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
+
 from pmopt.analysis.settings import MAX_SAMPLES
 from pmopt.cli.options import parse_coordinates, parse_edges, parse_params, parse_ranges
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.synthesis.checkpoint import plain
 from pmopt.synthesis.config import differences, load_config, resolve_config
-
-from cli_runner import CONFIGS
 
 MECH = "2pauu-ppap"
 WHERE = "my-design.toml"

@@ -211,11 +211,20 @@ class Sweeper:
     ) -> Tallies:
         """Sweep ``count`` points a replicate for a whole population, designs over threads."""
         slices = max(1, min(len(designs), 4 * self.threads))
-        parts = [designs[i * len(designs) // slices : (i + 1) * len(designs) // slices]
-                 for i in range(slices)]  # fmt: skip
-        tallies = list(
-            ordered_map(lambda part: self.tally(part, points, 0, count), parts, self.threads)
+        bounds = [i * len(designs) // slices for i in range(slices + 1)]
+        parts = [designs[a:b] for a, b in zip(bounds, bounds[1:], strict=False)]
+        ranges = list(chunk_ranges(0, count, points.replicates))
+        swept = ordered_map(
+            lambda work: self.tally(work[0], points, *work[1]),
+            ((part, span) for part in parts for span in ranges),
+            self.threads,
         )
+        tallies = []
+        for _ in parts:
+            whole = next(swept)
+            for _ in ranges[1:]:
+                whole.add(next(swept))
+            tallies.append(whole)
         arrays: list[Any] = [
             np.concatenate([getattr(t, name) for t in tallies])
             for name in list(Tallies.__dataclass_fields__)[1:]

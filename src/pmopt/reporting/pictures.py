@@ -58,7 +58,11 @@ def of_pareto(
         name: abs(front[name].iloc[0] - front[name].iloc[-1]) / (ranges[name][1] - ranges[name][0])
         for name in variables
     }
-    title = f"{manifest['mechanism']}: Pareto front, {len(front)} designs"
+    measured = manifest["config"]["workspace"]
+    title = (
+        f"{manifest['mechanism']}: Pareto front, {len(front)} designs ({measured['working_mode']}, "
+        f"{measured['jacobian']} Jacobian, {measured['norm']}-norm)"
+    )
     return {
         "front.png": plots.draw_front(
             {str(name): column.to_numpy() for name, column in front.items()},

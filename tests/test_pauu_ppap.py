@@ -531,6 +531,16 @@ def test_kernel_keeps_every_limit(params, seed, first, second, low, high, share)
                 assert (PAUU.kernel(*pose.values(), constants)[0] >= 0) == kept
 
 
+def test_kernel_keeps_nearly_a_full_turn():
+    """theta1 = -3.1036 of table 2 lies in the sliver that -3.1 .. 3.1 leaves out."""
+    mode = min(
+        PAUU.inverse(PAPER, POSE), key=lambda s: naive.angle_gap(s.joints["theta1"], -3.10359)
+    ).working_mode
+    for limits, inside in [((-3.1, 3.1), False), ((-3.11, 3.1), True), ((3.1, 3.2), True)]:
+        constants = PAUU.kernel_constants(PAPER, mode, 1.0, {"theta1": limits})
+        assert (PAUU.kernel(*POSE.values(), constants)[0] >= 0) == inside
+
+
 def test_angles_are_wrapped_to_the_half_open_turn():
     """(-pi, pi]: of the two ends the positive one."""
     assert wrap_angle(-math.pi) == wrap_angle(math.pi) == wrap_angle(-3 * math.pi) == math.pi

@@ -422,7 +422,7 @@ def test_all_numbers_have_units():
         ({}, {"limits": {"d": (2.0, 3.0)}}),
         ({}, {"min_lci": 0.9}),
         # No height is left between domain and h, though the corner of the box is in reach.
-        ({"h": 1.0}, {"domain": {"x": (0.1, 0.2), "y": (0, 0.1), "z": (1.0, 2.0)}}),
+        ({"h": 1.4}, {"domain": {"x": (0.1, 0.2), "y": (0, 0.1), "z": (1.4, 2.0)}}),
         # About (0, 0, 1.25) the cranks stand at -0.1 to 0.4 rad.
         (
             {},
@@ -691,7 +691,9 @@ def test_unwritable_cache_costs_time_only(empty_cache, monkeypatch):
     blocked = empty_cache / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))
+    monkeypatch.setattr(specialise.tempfile, "tempdir", str(empty_cache))
     there = text(compute(samples=2**12))
+    assert list(empty_cache.glob("*/specialised.py"))
     monkeypatch.undo()
     assert text(compute(samples=2**12)) == there
     assert blocked.read_text() == "no folder"

@@ -45,6 +45,7 @@ def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
     allowed : iterable of str
     """
     names = list(allowed)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
-    hint = f"; nearest: {close[0]}" if close else ""
+    folded = {candidate.casefold(): candidate for candidate in names}
+    close = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.0)
+    hint = f"; nearest: {folded[close[0]]}" if close else ""
     return InputError(f"{what}: unknown name {name!r}, allowed: {', '.join(names)}{hint}")

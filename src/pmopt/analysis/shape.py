@@ -134,8 +134,9 @@ def _topology(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
     sizes = np.sort(np.bincount(labels.ravel())[1:])[::-1]
     pieces = sizes[sizes >= least]
 
-    # Holes are pieces of the complement. Beyond a face where reach ends by itself lies the outside;
-    # a hole that shows in faces of the domain only is a pocket, one that shows in none is a void.
+    # Holes are pieces of the complement. Beyond a face where reach ends by itself lies the outside,
+    # and a corner of the box is taken to; a hole that shows in other faces of the domain is a
+    # pocket, one that shows in none is a void.
     outside = np.pad(~members, [(int(not low), int(not high)) for low, high in cut],
                      constant_values=True)  # fmt: skip
     labels, _ = ndimage.label(outside, structure=np.ones((3,) * members.ndim, dtype=bool))
@@ -147,6 +148,8 @@ def _topology(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
             shown = np.unique(np.take(labels, end, axis))
             if not is_cut:
                 holes[shown] = opened[shown] = 0
+    corners = np.meshgrid(*([[0, -1]] * labels.ndim), indexing="ij")
+    holes[labels[tuple(corners)]] = opened[labels[tuple(corners)]] = 0
     opened[~_shown_in_faces(labels, len(holes))] = 0
     enclosed = holes - opened
     voids, pockets = enclosed[enclosed >= least], opened[opened >= least]

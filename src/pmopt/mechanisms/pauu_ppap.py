@@ -158,10 +158,14 @@ class PauuPpap(Mechanism):
     def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
         """Return the box of both limbs' tori, cut at z = h and at the slider's limits (y = d)."""
         m, n, l1, l2, c = _lengths(parameters)
-        reach, shift = l1 + l2, abs(m - n)
+        d_low, d_high = limits.get("d", (-math.inf, math.inf))
+        # The link's length in the plane of the cranks, at the slider's position nearest to it.
+        offset = max(d_low, -d_high, 0.0)
+        link = math.sqrt(max(l2**2 - offset**2, 0.0))
+        reach, shift = l1 + link, abs(m - n)
         # 4 (m - n) x is the difference of the squares of two distances r, each between the folded
         # and the stretched limb: it bounds x where the other limb's hole cuts the workspace.
-        x = min(reach - shift, l1 * l2 / shift) if shift else reach
+        x = min(reach - shift, l1 * link / shift) if shift else reach
         # At x = 0 both cranks reach furthest along y: within l1 of the shift the full link.
         y2 = l2**2 - max(shift - l1, 0.0) ** 2
         z2 = reach**2 - shift**2
@@ -170,7 +174,6 @@ class PauuPpap(Mechanism):
         y, z = math.sqrt(y2), math.sqrt(z2)
         top = parameters.get("h")
         upper = 2 * c + z if top is None else min(2 * c + z, top)
-        d_low, d_high = limits.get("d", (-math.inf, math.inf))
         return np.array([-x, max(-y, d_low), 2 * c - z]), np.array([x, min(y, d_high), upper])
 
     def default_domain(self, parameters: Parameters) -> Ranges:

@@ -10,11 +10,13 @@ text, hence the folder: machine code can not go stale.
 from __future__ import annotations
 
 import ast
+import atexit
 import hashlib
 import importlib.util
 import inspect
 import math
 import os
+import shutil
 import sys
 import tempfile
 import textwrap
@@ -194,6 +196,7 @@ def specialise(
             raise PermissionError(folder)
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="pmopt-kernels-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
         path = _place(text, folder)
     if on_compile is not None and not is_compiled(folder):
         on_compile()

@@ -58,7 +58,8 @@ def inverse_condition_2(a, b, c, d, e, f, g, h, i):
     formula; the others follow from l1 l2 l3 = det(A)^2 and
     l1 (l2 + l3) + l2 l3 = |adj A|_F^2, which keep their relative accuracy near singularity
     where the characteristic polynomial of A A^T loses it.
-    Largest error measured against LAPACK: 3e-8, where the two largest singular values coincide. A zero matrix gives 0.
+    Largest error measured against LAPACK: 3e-8, where the two largest singular values coincide.
+    A zero matrix gives 0.
     """
     g11 = a * a + b * b + c * c
     g22 = d * d + e * e + f * f

@@ -40,7 +40,8 @@ from pmopt.synthesis.optimise import Optimisation, hypervolume
 from pmopt.synthesis.problem import DesignProblem
 
 MECH = "2pauu-ppap"
-POPULATION, GENERATIONS, LONG = 12, 6, 60
+POPULATION, GENERATIONS, LONG = 20, 6, 60
+SMALL = ("--samples", "1000", "--shape-grid", "0")
 TABLES = ["front.csv", "regions.csv", "history.csv", "evaluations.csv"]
 PICTURES = ["front.png", "history.png"]
 MARGIN = 5  # standard errors; by chance once in a million
@@ -57,7 +58,7 @@ c = 0.1
 [workspace]
 samples = 2000
 [algorithm]
-population = 12
+population = 20
 generations = 6
 seed = 1
 [constraints]
@@ -310,26 +311,31 @@ def wait_for_generation(process, folder, number):
 
 
 def test_killed_at_random_moments(long_run, tmp_path):
-    """Four kills during the search, one after it: in the measurement or between two files."""
+    """Kills before and during the search, and after it: while measuring or between two files."""
     chance = random.Random(3)
     folder = tmp_path / "run"
+    process = start(folder, "--resume")
+    time.sleep(chance.uniform(0.1, 0.5))
+    process.kill()
+    process.communicate(timeout=TIMEOUT)
     killed = 0
-    for number in [*sorted(chance.sample(range(2, LONG - 10), 4)), LONG]:
+    while (done := len(list(folder.glob("checkpoint/generation-*")))) < LONG:
         process = start(folder, "--resume")
-        wait_for_generation(process, folder, number)
-        time.sleep(chance.uniform(0, 0.02 if number < LONG else 0.5))
+        wait_for_generation(process, folder, min(LONG, done + chance.randint(3, 20)))
+        time.sleep(chance.uniform(0, 0.05))
         process.kill()
         process.communicate(timeout=TIMEOUT)
         killed += process.returncode == -signal.SIGKILL
-    assert killed >= 4
+    assert killed >= 3
     process = start(folder, "--resume")
     assert process.communicate(timeout=TIMEOUT)[1] == ""
     assert process.returncode == 0
     assert read(folder) == read(long_run)
     resumes = manifest_of(folder)["resumes"]
-    assert len(resumes) == killed
+    # The first process may have got as far as a generation, or not.
+    assert len(resumes) in (killed, killed + 1)
     assert resumes == sorted(resumes)
-    assert 2 <= resumes[0] < LONG == resumes[-1]
+    assert resumes[-1] == LONG
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -384,7 +390,7 @@ def test_resume_where_there_is_nothing_starts_afresh(finished, tmp_path):
 
 CHANGES = [
     ({"seed": 2}, "algorithm.seed: 1 -> 2"),
-    ({"population": 16}, "algorithm.population: 12 -> 16"),
+    ({"population": 16}, "algorithm.population: 20 -> 16"),
     ({"generations": 4}, "algorithm.generations: 6 -> 4"),
     ({"samples": 3000}, "workspace.samples: 2000 -> 3000"),
     ({"workspace__min_lci": 0.1}, "workspace.min_lci: 0.0 -> 0.1"),
@@ -555,8 +561,7 @@ def test_folder_of_a_run_is_kept(finished, cut_off, tmp_path):
 
 def test_folder_of_another_command_is_kept(tmp_path):
     (tmp_path / "test.toml").write_text(text_of())
-    workspace = ("workspace", MECH, "--samples", "1000", "--shape-grid", "0", "--out", "run")
-    answer(*workspace, cwd=tmp_path)
+    answer("workspace", MECH, *SMALL, "--out", "run", cwd=tmp_path)
     for options in ((), ("--resume",)):
         result = here("pareto", "test.toml", "--out", "run", *options, cwd=tmp_path)
         assert "finished" in error_line(result)
@@ -574,7 +579,7 @@ def test_force_forgets_the_earlier_checkpoint(finished, tmp_path):
 def test_folder_that_can_not_be_written(tmp_path, command):
     (tmp_path / "test.toml").write_text(text_of())
     (tmp_path / "file").write_text("")
-    words = {"pareto": ("pareto", "test.toml"), "workspace": ("workspace", MECH, "--samples", 1000)}
+    words = {"pareto": ("pareto", "test.toml"), "workspace": ("workspace", MECH, *SMALL)}
     result = here(*words[command], "--out", "file/run", "--quiet", cwd=tmp_path)
     assert "file/run" in error_line(result, code=1)
     result = here(*words[command], "--out", "file", "--quiet", cwd=tmp_path)
@@ -640,10 +645,10 @@ def test_nothing_feasible_names_min_lci():
 
 def test_constraints_are_kept_and_shown(tmp_path):
     bounds = {"constraints__volume": "{min = 5, max = 12}", "constraints__gci": "{min = 0.2}"}
-    config = config_of(generations=10, **bounds)
+    config = config_of(generations=8, **bounds)
     run_pareto(config, tmp_path / "run")
     front = table(tmp_path / "run", "front")
-    assert list(front[0])[-3:] == ["volume_min", "volume_max", "gci_min"]
+    assert set(list(front[0])[-3:]) == {"volume_min", "volume_max", "gci_min"}
     assert column(front, "volume").min() >= 5
     assert column(front, "volume").max() <= 12
     assert column(front, "gci").min() >= 0.2
@@ -814,8 +819,6 @@ def test_knee_is_farthest_from_the_line_between_the_ends(finished, long_run):
         ({"n": 0.7, "h": 1.0}, {}, []),
         ({"h": 1.0}, {}, [{"m": 1.0, "n": 1.0}]),
         ({"n": 0.7}, {"domain": {"z": [0.5, 2.0]}}, []),
-        # With c and the lid both free, moving them together changes nothing.
-        ({"n": 0.7, "h": [0.5, 2.0]}, {"domain": {"z": [-10.0, 10.0]}}, [{"c": 1.0, "h": 2.0}]),
     ],
 )
 def test_idle_directions(parameters, workspace, expected):

@@ -7,9 +7,15 @@ from collections.abc import Iterable
 
 
 class PmoptError(Exception):
-    """A failure at run time that the user can read in one line."""
+    """A failure at run time that the user can read in one line.
+
+    Line breaks in the message, say from a name in a file, become spaces.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))
 
 
 class InputError(PmoptError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
 from pmopt.mechanisms.base import JacobianKind
 
@@ -16,8 +16,19 @@ DEFAULT_REPLICATES = 16
 MAX_SAMPLES = 1 << 44
 
 FiniteFloat = Annotated[float, Field(allow_inf_nan=False)]
-#: Lower and upper end; infinite ends are allowed, NaN fails the comparison below.
-Range = tuple[float, float]
+
+
+def _end(value: Any) -> Any:
+    return float(value) if value in ("inf", "-inf") else value
+
+
+def _end_to_json(value: float) -> float | str:
+    return value if math.isfinite(value) else str(value)
+
+
+#: An end of a range may be infinite, in JSON "inf"; NaN fails the comparison of the ends below.
+RangeEnd = Annotated[float, BeforeValidator(_end), PlainSerializer(_end_to_json, when_used="json")]
+Range = tuple[RangeEnd, RangeEnd]
 
 
 def _norm(value: Any) -> Any:
@@ -51,9 +62,8 @@ class WorkspaceSettings(BaseModel):
         chosen = [k for k in ("samples", "grid", "target_error") if getattr(self, k) is not None]
         if len(chosen) > 1:
             raise ValueError(f"{chosen[0]} and {chosen[1]} exclude each other: give one")
-        if self.grid is not None and (
-            self.replicates is not None or "sampler" in self.model_fields_set
-        ):
+        random = self.sampler != type(self).model_fields["sampler"].default
+        if self.grid is not None and (self.replicates is not None or random):
             other = "replicates" if self.replicates is not None else "sampler"
             raise ValueError(f"grid and {other} exclude each other: a grid is not random")
         edges = self.regions

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -62,7 +63,9 @@ def pareto_command(
     if resume and pareto_run.finished(run_config, out):
         notify(f"{out} holds this run, finished: nothing to do")
         return
-    options.set_resume_hint(f"; continue with: pmopt pareto {config} --out {out} --resume")
+    again = ["pmopt", "pareto", str(config), "--out", str(out), "--resume"]
+    again += [] if seed is None else ["--seed", str(seed)]
+    options.set_resume_hint(f"; continue with: {shlex.join(again)}")
     with _progress(quiet, run_config) as (on_generation, on_measured):
         run = pareto_run.run_pareto(
             run_config, out, force=force, resume=resume, threads=threads, notify=notify,

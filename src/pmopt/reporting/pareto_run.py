@@ -83,7 +83,7 @@ def run_pareto(
     begun = out is not None and Checkpoint.exists(out)
     folder = None
     if out is not None:
-        folder = RunFolder(out, force or resume, interrupted=begun)
+        folder = RunFolder(out, force or (resume and begun), interrupted=begun)
     problem = DesignProblem(config, threads, notify)
     checkpoint, recorded = None, []
     if folder is not None:
@@ -139,7 +139,8 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
     times = []
     for _ in optimisation.generations():
         times.append(time.perf_counter())
-    each = (times[-1] - times[0]) / (len(times) - 1) / population
+    # The first generation compiles, loads and imports; a search may end with it.
+    each = (times[-1] - times[0]) / max(len(times) - 1, 1) / population
     began = time.perf_counter()
     optimisation.problem.measure(optimisation.evaluated.variables[0])
     final = (time.perf_counter() - began) * settings.population

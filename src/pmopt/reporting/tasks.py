@@ -30,7 +30,7 @@ class WorkspaceTask:
         return {
             "mechanism": self.mechanism.name,
             "parameters": dict(self.parameters),
-            "workspace": _finite(self.settings.model_dump()),
+            "workspace": self.settings.model_dump(mode="json"),
             "seed": self.seed,
             "shape_grid": self.shape_grid,
         }
@@ -45,31 +45,15 @@ class WorkspaceTask:
         """
         try:
             mechanism = find(document["mechanism"])
-            workspace = {k: v for k, v in document["workspace"].items() if v is not None}
-            for table in ("domain", "limits"):
-                workspace[table] = {
-                    name: tuple(map(float, ends)) for name, ends in workspace[table].items()
-                }
-            if "grid" in workspace:
-                workspace.pop("sampler", None)
             return cls(
                 mechanism,
                 mechanism.resolve(document["parameters"]),
-                validated(WorkspaceSettings, workspace, where),
+                validated(WorkspaceSettings, document["workspace"], where),
                 int(document["seed"]),
                 int(document["shape_grid"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"{where}: is no manifest of a workspace run: {error}") from None
-
-
-def _finite(value: Any) -> Any:
-    """Return a document with infinite numbers as text, which JSON can hold."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return str(value) if isinstance(value, float) and abs(value) == float("inf") else value
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,7 @@ class Checkpoint:
             run = json.loads(path.read_text(encoding="utf-8"))
             schema, version, config = run["schema"], run["version"], run["config"]
             self.resumes = [int(g) for g in run["resumes"]]
+            generations = int(config["algorithm"]["generations"])
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError(f"{path}: is no checkpoint of pmopt; --force starts afresh") from None
         if (schema, version) != (SCHEMA, self.version):
@@ -87,7 +88,7 @@ class Checkpoint:
             )
         changed = differences(config, plain(self.problem.config))
         key = ".".join(_GENERATIONS)
-        if self.problem.config.algorithm.generations >= config["algorithm"]["generations"]:
+        if self.problem.config.algorithm.generations >= generations:
             changed = [line for line in changed if not line.startswith(f"{key}:")]
         if changed:
             raise InputError(

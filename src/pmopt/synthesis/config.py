@@ -161,6 +161,7 @@ def load_config(path: Path) -> RunConfig:
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
+        str(data)  # Python refuses to print whole numbers of thousands of digits
     except OSError as error:
         raise InputError(f"{path}: can not read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmopt.errors import InfeasibleError, PmoptError
 from pmopt.seeds import seed_sequence
-from pmopt.synthesis.problem import REACHABLE, DesignProblem, Evaluations
+from pmopt.synthesis.problem import MIN_LCI, REACHABLE, DesignProblem, Evaluations
 from pmopt.units import ONE
 
 
@@ -183,23 +183,15 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
         if name == REACHABLE:
             parts.append(f"no reachable pose in {broken} of {count} designs")
             continue
-        objective, sign, bound = problem.bounds[name]
-        values = _values_of(problem, evaluated, objective, sign, bound, column)
-        best = values.max() if sign > 0 else values.min()
-        relation = ">=" if sign > 0 else "<="
+        objective, sign, bound = problem.bounds.get(
+            name, (MIN_LCI, 1, problem.config.workspace.min_lci)
+        )
         unit = problem.units[objective]
         limit = f"{bound!r}" if unit == ONE else f"{bound!r} {unit}"
-        parts.append(
-            f"{objective} {relation} {limit} rules out {broken} of {count} designs "
-            f"(best {best:.4g})"
-        )
+        relation = ">=" if sign > 0 else "<="
+        text = f"{objective} {relation} {limit} rules out {broken} of {count} designs"
+        reached = evaluated.slack[:, column][evaluated.slack[:, 0] >= 0]
+        if len(reached):
+            text += f" (best {sign * reached.max() + bound:.4g})"
+        parts.append(text)
     raise InfeasibleError(f"no feasible design: {'; '.join(parts)}")
-
-
-def _values_of(
-    problem: DesignProblem, evaluated: Evaluations, name: str, sign: int, bound: float, column: int
-) -> NDArray[np.float64]:
-    """Return a bounded quantity of the designs that have one."""
-    values = evaluated.slack[:, column] / sign + bound
-    reachable = evaluated.slack[:, 0] >= 0
-    return values[reachable] if reachable.any() else np.array([np.nan])

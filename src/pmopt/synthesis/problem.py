@@ -18,6 +18,8 @@ from pmopt.units import ONE
 
 #: The constraint every problem has: something must be reachable.
 REACHABLE = "reachable"
+#: Added where a smallest LCI is set: some reachable pose must have it.
+MIN_LCI = "min_lci"
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,8 @@ class DesignProblem:
             if bound is not None
         }
         self.constraints = [REACHABLE, *self.bounds]
+        if config.workspace.min_lci > 0:
+            self.constraints.insert(1, MIN_LCI)
         if config.workspace.samples is not None:
             replicates, self._points = split_samples(
                 config.workspace.samples, config.workspace.replicates
@@ -112,7 +116,7 @@ class DesignProblem:
         for name, one in (("volume", unit), ("gci", ONE)):
             suffixes = ("", "_error", "_best", "_min", "_max")
             units |= {f"{name}{suffix}": one for suffix in suffixes}
-        units |= dict.fromkeys((REACHABLE, "share", "share_error", "lower", "upper"), ONE)
+        units |= dict.fromkeys((REACHABLE, MIN_LCI, "share", "share_error", "lower", "upper"), ONE)
         return units | {"hypervolume": unit}
 
     def parameters(self, row: NDArray[np.float64]) -> dict[str, float | None]:
@@ -131,7 +135,7 @@ class DesignProblem:
         if self.config.workspace.samples is not None:
             tallies = self.sweeper.tally_population(designs, self._sequence, self._points)
             found = of_population(tallies)
-            slack = _reachable_slack(tallies, self.config.workspace.min_lci)
+            slack = self._existence(tallies)
         else:
             found, slack = self._one_by_one(designs)
         by_name = {
@@ -147,10 +151,12 @@ class DesignProblem:
             variables,
             np.stack([by_name[name][0] for name in self.objectives], axis=1),
             np.stack([by_name[name][1] for name in self.objectives], axis=1),
-            np.stack([slack, *bounds], axis=1),
+            np.stack([*slack, *bounds], axis=1),
         )
 
-    def _one_by_one(self, designs: list[Design]) -> tuple[PopulationEstimates, NDArray[np.float64]]:
+    def _one_by_one(
+        self, designs: list[Design]
+    ) -> tuple[PopulationEstimates, list[NDArray[np.float64]]]:
         """Evaluate on grids or to a target error, where each design takes its own points."""
         rows: list[tuple[float, float, float, float]] = []
         slack = []
@@ -162,22 +168,28 @@ class DesignProblem:
                 assert settings.target_error is not None
                 tallies, found = measure_to_target(self.sweeper, design, settings.target_error)
             rows.append((*found.volume, *found.gci))
-            slack.append(_reachable_slack(tallies, settings.min_lci)[0])
+            slack.append(self._existence(tallies))
         volume, volume_error, gci, gci_error = np.array(rows).T
-        return PopulationEstimates(volume, volume_error, gci, gci_error), np.array(slack)
+        columns = [np.concatenate(parts) for parts in zip(*slack, strict=True)]
+        return PopulationEstimates(volume, volume_error, gci, gci_error), columns
+
+    def _existence(self, tallies: Tallies) -> list[NDArray[np.float64]]:
+        """Return the slack of the constraints that there is a workspace: 0, or what is missed.
+
+        Out of reach it is the mechanism's margin at the best sample point, or 1 where none is
+        known (an empty box); below the smallest LCI, by how much.
+        """
+        within = tallies.within.sum(axis=1) > 0
+        margin = tallies.margin.max(axis=1)
+        missed = np.where(np.isfinite(margin) & (margin < 0), margin, -1.0)
+        slack = [np.where(within, 0.0, missed)]
+        least = self.config.workspace.min_lci
+        if least > 0:
+            enough = tallies.reachable.sum(axis=1) > 0
+            largest = np.where(within, tallies.largest.max(axis=1), 0.0)
+            slack.append(np.where(enough, 0.0, np.minimum(largest - least, -1e-300)))
+        return slack
 
     def measure(self, row: NDArray[np.float64]) -> Estimates:
         """Measure one design to the final target error."""
         return measure_to_target(self.sweeper, self.design(row), self.config.final.target_error)[1]
-
-
-def _reachable_slack(tallies: Tallies, min_lci: float) -> NDArray[np.float64]:
-    """Return 0 where something is reachable, else how far the best sample point is from it.
-
-    The distance is the mechanism's margin or, where only the smallest allowed LCI is missed, by
-    how much; 1 where neither is known (an empty box).
-    """
-    margin = tallies.margin.max(axis=1)
-    missed = np.where(tallies.within.sum(axis=1) > 0, tallies.largest.max(axis=1) - min_lci, margin)
-    missed = np.where(np.isfinite(missed) & (missed < 0), missed, -1.0)
-    return np.where(tallies.reachable.sum(axis=1) > 0, 0.0, missed)

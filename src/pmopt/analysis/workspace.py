@@ -233,12 +233,21 @@ def _accumulate(
 
 
 def measure_to_target(
-    sweeper: Sweeper, design: Design, target: float, progress: Progress | None = None
+    sweeper: Sweeper,
+    design: Design,
+    target: float,
+    progress: Progress | None = None,
+    most: int | None = None,
 ) -> tuple[Tallies, Estimates]:
     """Double the samples until volume and GCI have the relative standard error asked for.
 
     With few samples the error estimate itself is rough, so that the first estimate below the
-    target is checked by one further doubling.
+    target is checked by one further doubling. At ``most`` samples it ends with what is reached.
+
+    Raises
+    ------
+    PmoptError
+        Without ``most``, when the largest number of samples does not do.
     """
     replicates = sweeper.settings.replicates or split_samples(_FIRST_ROUND, None)[0]
     last = max(1, _FIRST_ROUND // replicates // BLOCK) * BLOCK  # a later round begins a block
@@ -250,6 +259,8 @@ def measure_to_target(
         worst = max((e for e in errors if not math.isnan(e)), default=0.0)
         met = met + 1 if worst <= target else 0
         if met == 2 or estimates.reachable == 0:
+            return tallies, estimates
+        if most is not None and 2 * last * replicates > most:
             return tallies, estimates
         if 2 * last * replicates > MAX_SAMPLES:
             raise PmoptError(

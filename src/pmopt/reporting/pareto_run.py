@@ -36,12 +36,16 @@ class ParetoRun:
     folder : Path or None
         None where nothing was written.
     front : Front
-    history, evaluations : pandas.DataFrame
+    tables : dict of pandas.DataFrame
+        ``front``, ``regions``, ``history`` and ``evaluations``.
+    target_error : float
+        Relative standard error the front was to be measured to.
     """
 
     folder: Path | None
     front: Front
     tables: dict[str, pd.DataFrame]
+    target_error: float
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -123,7 +127,7 @@ def run_pareto(
     tables["regions"] = regions_table(front, config)
     if folder is not None:
         write_run(folder, config, front, tables, checkpoint.resumes if checkpoint else [])
-    return ParetoRun(out, front, tables)
+    return ParetoRun(out, front, tables, config.final.target_error)
 
 
 def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:

@@ -223,6 +223,10 @@ def pareto_tables(run: ParetoRun) -> list[Table]:
         f"{len(front.designs)} designs, hypervolume {front.hypervolume:.6g} "
         f"{front.units['hypervolume']} from volume 0, gci 0"
     ]
+    target = run.target_error
+    rough = sum(d.errors[k] > target * d.objectives[k] for d in front.designs for k in objectives)
+    if rough:
+        notes.append(f"{rough} figures have a larger relative error than {target:g}, as stated")
     notes += [describe_idle(direction) for direction in front.idle]
     if run.folder:
         notes.append(f"written to {run.folder}")

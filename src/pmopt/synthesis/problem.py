@@ -18,6 +18,8 @@ from pmopt.units import ONE
 
 #: The constraint every problem has: something must be reachable.
 REACHABLE = "reachable"
+#: Most samples of a design when the front is measured: about a second.
+FINAL_SAMPLES = 1 << 26
 #: Added where a smallest LCI is set: some reachable pose must have it.
 MIN_LCI = "min_lci"
 
@@ -191,5 +193,9 @@ class DesignProblem:
         return slack
 
     def measure(self, row: NDArray[np.float64]) -> Estimates:
-        """Measure one design to the final target error."""
-        return measure_to_target(self.sweeper, self.design(row), self.config.final.target_error)[1]
+        """Measure one design to the final target error, with a bounded number of samples.
+
+        A workspace that fills little of its box may end with a larger error, which it states.
+        """
+        target = self.config.final.target_error
+        return measure_to_target(self.sweeper, self.design(row), target, most=FINAL_SAMPLES)[1]

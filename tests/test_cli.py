@@ -486,13 +486,6 @@ def test_workspace_with_an_open_limit(tmp_path, end):
     assert document["reachable"] > 0
 
 
-@pytest.mark.parametrize("command", [SHORT["jacobian"], SHORT["workspace"]])
-@pytest.mark.xfail(strict=True, reason="optimal is not implemented")
-def test_optimal_characteristic_length(tmp_path, command):
-    document = json_answer(*command, "--characteristic-length", "optimal", cwd=tmp_path)
-    assert document["characteristic_length"] > 0
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -689,15 +682,20 @@ BAD_PARAMS = [
     (("@ranges.toml",), ("m=[0.5, 1.5]", "number")),
     (("@deep.toml",), ("deep.toml", "TOML")),
     (("@long.toml",), ("long.toml", "TOML")),
+    pytest.param(
+        ("@hexadecimal.toml",),
+        ("hexadecimal.toml", "TOML"),
+    ),
 ]
 
 
-@pytest.mark.parametrize(("given", "fragments"), BAD_PARAMS, ids=[str(g) for g, _ in BAD_PARAMS])
+@pytest.mark.parametrize(("given", "fragments"), BAD_PARAMS, ids=str)
 def test_bad_params(tmp_path, given, fragments):
     for name, text in {
         "p": "l1 = 0.8", "unknown": "q = 1", "wrong": 'l1 = "yes"', "boolean": "l1 = true",
         "table": "parameters = 5", "torn": "l1 = ", "ranges": "[parameters]\nm = [0.5, 1.5]",
         "deep": "m = " + "[" * 50_000, "long": "m = " + "9" * 5000,
+        "hexadecimal": "m = 0x" + "f" * 5000,
     }.items():  # fmt: skip
         (tmp_path / f"{name}.toml").write_text(text)
     options = [word for text in given for word in ("--params", text)]

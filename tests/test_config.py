@@ -24,12 +24,19 @@ MODES = find(MECH).working_modes
 # --- strategies ---------------------------------------------------------------------------
 
 lengths = st.floats(1e-6, 1e6)
-# No line breaks: they have a test of their own.
-texts = st.text(st.characters(exclude_categories=("Cs", "Cc", "Zl", "Zp")), max_size=12)
+texts = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
 
 
 def ranges(low, high):
     return st.lists(st.floats(low, high), min_size=2, max_size=2, unique=True).map(sorted)
+
+
+def open_ranges(low, high):
+    """Return a strategy of ranges of which an end may be infinite."""
+    return st.builds(
+        lambda pair, left, right: [-math.inf if left else pair[0], math.inf if right else pair[1]],
+        ranges(low, high), st.booleans(), st.booleans(),
+    )  # fmt: skip
 
 
 def some(**fields):
@@ -51,17 +58,20 @@ def workspaces(draw):
             regions=st.lists(st.floats(0.01, 0.99), unique=True, max_size=4).map(
                 lambda inner: [0, *sorted(inner), 1]
             ),
-            domain=some(x=ranges(-5, 5), y=ranges(-5, 5), z=ranges(-5, 5)),
-            limits=some(theta1=ranges(-3, 3), theta2=ranges(-3, 3), d=ranges(-5, 5)),
+            domain=some(x=open_ranges(-5, 5), y=open_ranges(-5, 5), z=open_ranges(-5, 5)),
+            limits=some(theta1=open_ranges(-3, 3), theta2=open_ranges(-3, 3), d=open_ranges(-5, 5)),
         )
     )
     if table.get("jacobian") == "raw":
         table.pop("characteristic_length", None)
-    size = draw(st.sampled_from(["default", "samples", "target_error"]))
+    size = draw(st.sampled_from(["default", "samples", "target_error", "grid"]))
     if size == "samples":
         table["samples"] = draw(st.integers(16, MAX_SAMPLES))
     elif size == "target_error":
         table["target_error"] = draw(st.floats(1e-6, 0.999))
+    elif size == "grid":
+        table = {k: v for k, v in table.items() if k not in ("sampler", "replicates")}
+        table["grid"] = draw(st.integers(4, 30_000))
     return table
 
 
@@ -155,22 +165,11 @@ def test_valid_configuration_resolves_and_comes_back(data):
     for table in ("workspace", "algorithm", "final"):
         for key, value in data.get(table, {}).items():
             kept = document[table][key]
+            if key in ("domain", "limits"):
+                kept = {name: [float(end) for end in ends] for name, ends in kept.items()}
             assert kept == (str(value) if key == "norm" else value), (table, key)
     assert document["objectives"] == data.get("objectives", ["volume", "gci"])
     assert differences(document, plain(resolve_config(document, WHERE))) == []
-
-
-@pytest.mark.xfail(strict=True, reason="JSON turns an open end into null")
-def test_open_domain_comes_back():
-    data = {"mechanism": MECH, "workspace": {"domain": {"z": [0.5, math.inf]}}}
-    config = resolve_config(data, WHERE)
-    assert resolve_config(plain(config), WHERE) == config
-
-
-@pytest.mark.xfail(strict=True, reason="the resolved table holds grid and sampler")
-def test_grid_comes_back():
-    config = resolve_config({"mechanism": MECH, "workspace": {"grid": 20}}, WHERE)
-    assert resolve_config(plain(config), WHERE) == config
 
 
 def test_defaults_are_completed():
@@ -240,7 +239,7 @@ def test_unknown_keys_are_refused(config, key, value):
         if key in {**table, **dict.fromkeys(KNOWN.get(path, ()))}:
             continue
         message = refusal(put(config, (*path, key), value))
-        assert key in message or repr(key) in message
+        assert any(" ".join(text.split()) in message for text in (key, repr(key)))
 
 
 KNOWN = {
@@ -363,7 +362,6 @@ def test_mechanism_is_needed_and_known():
     assert all(text in message for text in ("'3-urc'", MECH, "nearest"))
 
 
-@pytest.mark.xfail(strict=True, reason="names and values go into the message unquoted")
 @pytest.mark.parametrize(
     "change",
     [{"a\nb": 1}, {"workspace": {"a\nb": 1}}, {"parameters": {"m": "a\nb"}},
@@ -400,13 +398,7 @@ def test_file_that_can_not_be_read(tmp_path, name):
         load_config(tmp_path / name)
 
 
-HEXADECIMAL = pytest.param(
-    "0x" + "f" * 5000,
-    marks=pytest.mark.xfail(strict=True, reason="the message can not show it", raises=ValueError),
-)
-
-
-@pytest.mark.parametrize("number", ["9" * 5000, HEXADECIMAL])
+@pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000])
 def test_file_with_an_endless_number(tmp_path, number):
     path = tmp_path / WHERE
     path.write_text(f'mechanism = "{MECH}"\n[algorithm]\nseed = {number}\n')

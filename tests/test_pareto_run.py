@@ -179,6 +179,18 @@ def test_front_is_what_another_sample_measures(finished):
             assert abs(float(row[name]) - estimate.value) < allowed
 
 
+def test_designs_that_the_finer_measurement_finds_dominated_are_dropped():
+    """With 64 samples the search takes noise for progress."""
+    config = config_of(samples=64)
+    search = Optimisation(DesignProblem(config))
+    for _ in search.generations():
+        pass
+    front = run_pareto(config).front
+    assert front.dropped == len(search.front_variables) - len(front.designs) > 0
+    values = np.array([[d.objectives["volume"], d.objectives["gci"]] for d in front.designs])
+    assert len(naive_front(values)) == len(values)
+
+
 def test_regions(finished):
     front, regions = table(finished[0], "front"), table(finished[0], "regions")
     assert list(regions[0])[:5] == ["design", "lower", "upper", "volume", "share"]
@@ -358,8 +370,7 @@ def test_interrupted_and_taken_up_again(long_run, tmp_path, number):
     assert manifest_of(folder)["resumes"] == [len(left) - 1]
 
 
-@pytest.mark.xfail(strict=True, reason="the line does not repeat --seed")
-def test_hint_of_an_interrupted_run_with_a_seed(tmp_path):
+def test_hint_of_an_interrupted_run_repeats_the_seed(tmp_path):
     folder = tmp_path / "run"
     process = start(folder, "--seed", "5")
     wait_for_generation(process, folder, 2)
@@ -420,7 +431,6 @@ def test_resume_with_a_changed_configuration_of_a_process(cut_off, tmp_path):
     assert "algorithm.seed: 1 -> 2" in error_line(result)
 
 
-@pytest.mark.xfail(strict=True, reason="overwritten without --force")
 def test_resume_never_overwrites_another_finished_run(finished, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(finished[0], folder)
@@ -523,7 +533,6 @@ def test_damaged_run_file_is_refused(cut_off, text):
 
 
 @pytest.mark.parametrize("stored", ["[]", "{}"])
-@pytest.mark.xfail(strict=True, reason="TypeError, KeyError", raises=(TypeError, KeyError))
 def test_run_file_with_a_damaged_configuration(cut_off, stored):
     path = cut_off / "checkpoint" / "run.json"
     document = strict_json(path.read_text())
@@ -565,6 +574,20 @@ def test_folder_of_another_command_is_kept(tmp_path):
     for options in ((), ("--resume",)):
         result = here("pareto", "test.toml", "--out", "run", *options, cwd=tmp_path)
         assert "finished" in error_line(result)
+
+
+@pytest.mark.parametrize("options", [{"force": True}, {"resume": True}])
+def test_a_finished_run_that_is_reopened_is_unfinished(finished, tmp_path, options):
+    folder = tmp_path / "run"
+    shutil.copytree(finished[0], folder)
+    more = config_of(generations=GENERATIONS + 2)
+    with pytest.raises(KeyboardInterrupt):
+        run_pareto(more, folder, on_measured=interrupt, **options)
+    assert not (folder / "manifest.json").exists()
+    with pytest.raises(InputError, match="interrupted run"):
+        run_pareto(more, folder)
+    run_pareto(more, folder, resume=True)
+    assert manifest_of(folder)["resumes"][-1] == GENERATIONS + 2
 
 
 def test_force_forgets_the_earlier_checkpoint(finished, tmp_path):
@@ -626,7 +649,6 @@ def test_nothing_feasible_of_a_process(tmp_path):
     assert best == pytest.approx(values.max(), rel=1e-3)  # four digits are printed
 
 
-@pytest.mark.xfail(strict=True, reason="(best nan)")
 def test_nothing_feasible_says_no_nan(tmp_path):
     change = {"constraints__gci": "{min = 0.99}", "workspace__domain": "{z = [50, 60]}"}
     with pytest.raises(InfeasibleError) as caught:
@@ -634,7 +656,6 @@ def test_nothing_feasible_says_no_nan(tmp_path):
     assert "nan" not in str(caught.value)
 
 
-@pytest.mark.xfail(strict=True, reason="min_lci is not named: no reachable pose")
 def test_nothing_feasible_names_min_lci():
     with pytest.raises(InfeasibleError, match="min_lci"):
         run_pareto(config_of(workspace__min_lci=0.999))
@@ -817,6 +838,7 @@ def test_knee_is_farthest_from_the_line_between_the_ends(finished, long_run):
         ({}, {"jacobian": "homogenized"}, [{"c": 1.0}, {"m": 1.0, "n": 1.0}]),
         # A lid or a fixed floor is not moved by c.
         ({"n": 0.7, "h": 1.0}, {}, []),
+        ({"n": 0.7, "h": 3.0}, {}, []),
         ({"h": 1.0}, {}, [{"m": 1.0, "n": 1.0}]),
         ({"n": 0.7}, {"domain": {"z": [0.5, 2.0]}}, []),
     ],
@@ -836,6 +858,18 @@ def test_idle_directions(parameters, workspace, expected):
         moved = middle + 0.02 * np.array([direction.get(k, 0.0) for k in problem.variables])
         values = problem.evaluate(np.array([middle, moved])).values
         np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
+
+
+@pytest.mark.xfail(strict=True, reason="no random probe lies where the lid cuts")
+def test_idle_directions_where_little_depends_on_them():
+    """A lid at 3.2 m cuts large designs only, and these are what the front is made of."""
+    data = {"mechanism": MECH, "parameters": {"n": 0.7, "h": 3.2}, "workspace": {"samples": 2000}}
+    problem = DesignProblem(resolve_config(data, "test.toml"))
+    assert problem.variables == ["m", "l1", "l2", "c"]
+    large = np.array([[0.7, 1.5, 1.5, 0.1], [0.7, 1.5, 1.5, 0.5]])
+    low, high = problem.evaluate(large).values[:, 0]
+    assert high < 0.95 * low
+    assert {"c": 1.0} not in idle_directions(problem)
 
 
 def scaled(direction):
@@ -869,7 +903,6 @@ def test_search_that_runs_out_of_designs(tmp_path):
     assert len(table(tmp_path / "run", "evaluations")) < DESIGNS
 
 
-@pytest.mark.xfail(strict=True, reason="division by zero")
 def test_dry_run_of_a_search_that_runs_out_of_designs(tmp_path):
     rest = "\n".join(f"{k} = {v}" for k, v in tight()["parameters"].items())
     (tmp_path / "test.toml").write_text(f'mechanism = "{MECH}"\n[parameters]\n{rest}\n')

@@ -1,8 +1,10 @@
-"""Validation errors of settings and configurations as one line a user can act on."""
+"""Reading and validating input: what is wrong with it, in one line a user can act on."""
 
 from __future__ import annotations
 
 import difflib
+import tomllib
+from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -24,6 +26,24 @@ def validated(model: type[Model], data: Any, where: str) -> Model:
         return model.model_validate(data)
     except ValidationError as error:
         raise InputError(_one_line(error, model, where)) from None
+
+
+def read_toml(path: Path, where: str) -> dict[str, Any]:
+    """Return the content of a TOML file.
+
+    Raises
+    ------
+    InputError
+        For a file that can not be read or is no TOML.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        str(data)  # Python refuses to print whole numbers of thousands of digits
+    except OSError as error:
+        raise InputError(f"{where}: can not read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: is no TOML file: {error}") from None
+    return data
 
 
 def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -162,12 +161,9 @@ def parse_params(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _params_file(path: Path) -> dict[str, Any]:
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"--params: {path}: can not read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"--params: {path}: is no TOML file: {error}") from None
+    from pmopt.analysis.validation import read_toml
+
+    data = read_toml(path, f"--params: {path}")
     table = data.get("parameters", data)
     if not isinstance(table, dict):
         raise InputError(f"--params: {path}: parameters is no table of NAME = VALUE")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings
-from pmopt.analysis.validation import validated
+from pmopt.analysis.validation import read_toml, validated
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.base import as_number
@@ -159,15 +158,7 @@ def load_config(path: Path) -> RunConfig:
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        str(data)  # Python refuses to print whole numbers of thousands of digits
-    except OSError as error:
-        raise InputError(f"{path}: can not read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        message = " ".join(str(error).split())
-        raise InputError(f"{path}: is no TOML file: {message}") from None
-    return resolve_config(data, str(path))
+    return resolve_config(read_toml(path, str(path)), str(path))
 
 
 def differences(old: Any, new: Any, prefix: str = "") -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,10 +17,11 @@ from pmopt.seeds import seed_sequence
 from pmopt.synthesis.optimise import REFERENCE, hypervolume
 from pmopt.synthesis.problem import DesignProblem
 
-#: Idle directions: random designs, step of the differences as a share of each range, share of the
-#: steepest response below which a direction is a candidate, and largest relative change of an
-#: objective along a confirmed one (what rounding leaves).
+#: Idle directions: random designs, most corners of the bounds, step of the differences as a share
+#: of each range, share of the steepest response below which a direction is a candidate, and
+#: largest relative change of an objective along a confirmed one (what rounding leaves).
 _PROBES = 16
+_CORNERS = 64
 _STEP = 0.05
 _CANDIDATE = 0.05
 _UNCHANGED = 1e-6
@@ -143,18 +145,26 @@ def measure_front(
         designs=designs,
         dropped=len(variables) - len(designs),
         hypervolume=hypervolume(values[order]) if len(designs) else 0.0,
-        idle=idle_directions(problem),
+        idle=idle_directions(problem, variables),
         units=problem.units,
     )
 
 
-def idle_directions(problem: DesignProblem) -> tuple[dict[str, float], ...]:
+def idle_directions(
+    problem: DesignProblem, front: NDArray[np.float64]
+) -> tuple[dict[str, float], ...]:
     """Find the directions of design space along which no objective changes.
 
     Central differences of all objectives at random designs, on common sample points, are the
     rows of a matrix whose near null space proposes directions. In reduced echelon form a
     parameter without influence stands alone. Coefficients are rounded to simple fractions, and a
-    direction is confirmed by moving along it: on common points an invariance is exact.
+    direction is confirmed by moving along it as far as the bounds allow, from random designs,
+    corners of the bounds and designs of the front: on common points an invariance is exact.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    front : (N, v) float64
     """
     if problem.config.workspace.samples is None:
         return ()  # points differ from design to design
@@ -174,17 +184,31 @@ def idle_directions(problem: DesignProblem) -> tuple[dict[str, float], ...]:
     rows = (slopes / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1).reshape(-1, count)
     _, singular, basis = np.linalg.svd(rows, full_matrices=True)
     rank = int((singular > _CANDIDATE * singular[0]).sum())
+    corners = np.array(list(itertools.product(*zip(problem.lower, problem.upper, strict=True))))
+    bases = np.concatenate([centres, corners[:_CORNERS], front[:: max(1, len(front) // _PROBES)]])
+    before = problem.evaluate(bases).values
     found = []
     for direction in _reduced(basis[rank:] * span):
         simple = np.array([float(Fraction(v).limit_denominator(6)) for v in direction])
-        length = _STEP * float(np.min(span[simple != 0] / np.abs(simple[simple != 0])))
-        before = problem.evaluate(centres).values
-        after = problem.evaluate(centres + length * simple).values
-        if np.allclose(after, before, rtol=_UNCHANGED, atol=0.0, equal_nan=True):
+        ends = [problem.evaluate(_farthest(problem, bases, d)).values for d in (simple, -simple)]
+        if all(
+            np.allclose(after, before, rtol=_UNCHANGED, atol=0.0, equal_nan=True) for after in ends
+        ):
             found.append(
                 {k: float(v) for k, v in zip(problem.variables, simple, strict=True) if v != 0}
             )
     return tuple(found)
+
+
+def _farthest(
+    problem: DesignProblem, bases: NDArray[np.float64], direction: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the designs as far along a direction as their bounds allow."""
+    room = np.where(direction > 0, problem.upper - bases, bases - problem.lower)
+    moving = direction != 0
+    length = (room[:, moving] / np.abs(direction[moving])).min(axis=1, keepdims=True)
+    moved: NDArray[np.float64] = np.clip(bases + length * direction, problem.lower, problem.upper)
+    return moved
 
 
 def _reduced(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -118,6 +119,7 @@ class Sweeper:
         self.mechanism = mechanism
         self.settings = settings
         self.seed = seed
+        self._purpose = "workspace samples"
         default = default_threads()  # numba reads the variable too: a bad one is refused here
         self.threads = threads or default
         self.working_mode = mechanism.check_mode(settings.working_mode, f"{where}: working_mode")
@@ -159,13 +161,19 @@ class Sweeper:
         constants = mechanism.kernel_constants(parameters, self.working_mode, length, self.limits)
         return Design(parameters, length, lower, width, cut, constants)
 
+    def for_purpose(self, purpose: str) -> Sweeper:
+        """Return a sweeper with the same settings and independent sample points."""
+        other = copy.copy(self)
+        other._purpose = purpose
+        return other
+
     def sequence(self, replicates: int) -> sequences.Sequence:
         """Return the sample points shared by all designs of a run."""
         return sequences.make_sequence(
             self.settings.sampler,
             len(self.mechanism.pose),
             replicates,
-            seed_sequence(self.seed, "workspace samples"),
+            seed_sequence(self.seed, self._purpose),
         )
 
     def tally(

@@ -45,7 +45,7 @@ def here(*args, cwd):
     from pmopt.cli import main, options
 
     out, err = io.StringIO(), io.StringIO()
-    handler = signal.getsignal(signal.SIGTERM)
+    handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
     try:
         with (
             contextlib.chdir(cwd),
@@ -54,7 +54,8 @@ def here(*args, cwd):
         ):
             code = main.run(list(map(str, args)))
     finally:
-        signal.signal(signal.SIGTERM, handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         options.set_resume_hint("")
     return subprocess.CompletedProcess(args, code, out.getvalue(), err.getvalue())
 

@@ -11,6 +11,8 @@ import signal
 import subprocess
 import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -381,6 +383,36 @@ def test_interrupted_and_taken_up_again(long_run, tmp_path, number, name, seed):
     assert here(*words[1:], "--quiet", cwd=tmp_path).returncode == 0
     assert read(folder) == read(long_run)
     assert manifest_of(folder)["resumes"] == [len(left) - 1]
+
+
+def catches_sigterm(process):
+    """Return whether a process has its own answer to SIGTERM, as the kernel tells."""
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    caught = int(re.search(r"SigCgt:\s*([0-9a-f]+)", status).group(1), 16)
+    return bool(caught >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+def test_interrupted_while_it_starts(tmp_path):
+    """Between the first import and the first generations nothing takes the signal away."""
+    chance = random.Random(1)
+
+    def interrupted(number):
+        folder = tmp_path / str(number) / "run"
+        folder.parent.mkdir()
+        process = start(folder)
+        while not catches_sigterm(process):
+            time.sleep(0.002)
+        time.sleep(chance.uniform(0, 0.8))
+        process.send_signal((signal.SIGINT, signal.SIGTERM)[number % 2])
+        errors = process.communicate(timeout=TIMEOUT)[1]
+        return process.returncode, [line for line in errors.splitlines() if line.strip()]
+
+    with ThreadPoolExecutor(2) as pool:
+        for code, lines in pool.map(interrupted, range(16)):
+            assert code == 130, lines
+            assert len(lines) == 1
+            assert lines[0].startswith("error: interrupted")
 
 
 def test_resume_of_a_finished_run_does_nothing(finished, tmp_path):

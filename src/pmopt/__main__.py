@@ -1,5 +1,5 @@
 """``python -m pmopt``."""
 
-from pmopt.cli.main import main
+from pmopt.cli.entry import main
 
 main()

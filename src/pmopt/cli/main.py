@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import importlib
 import os
-import signal
 import sys
-from types import FrameType
 from typing import Any
 
 import click
 
+from pmopt.cli import interrupt
+from pmopt.cli.interrupt import Interrupted
 from pmopt.errors import PmoptError
 from pmopt.version import __version__
 
@@ -76,10 +76,6 @@ def cli(ctx: click.Context) -> None:
         click.echo(ctx.get_help())
 
 
-def _terminate(signum: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
 def _fail(message: str, code: int) -> int:
     click.echo(f"error: {' '.join(message.split())}", err=True)
     return code
@@ -89,7 +85,6 @@ def run(args: list[str] | None = None) -> int:
     """Run the command line and return the exit code; only ``--debug`` lets a traceback out."""
     debug = "--debug" in (sys.argv[1:] if args is None else args)
     try:
-        signal.signal(signal.SIGTERM, _terminate)
         result: Any = cli.main(args, prog_name="pmopt", standalone_mode=False)
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
@@ -99,8 +94,9 @@ def run(args: list[str] | None = None) -> int:
         return _fail(str(error), error.exit_code)
     except click.ClickException as error:
         return _fail(error.format_message(), EXIT_USAGE)
-    except (KeyboardInterrupt, click.Abort) as error:
-        hint = getattr(error, "hint", "") or _resume_hint()
+    except (Interrupted, KeyboardInterrupt, click.Abort):
+        interrupt.disarm()
+        hint = _resume_hint()
         return _fail(f"interrupted{hint}", EXIT_INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has gone; nothing is left to say, not even at exit.
@@ -121,8 +117,3 @@ def run(args: list[str] | None = None) -> int:
 def _resume_hint() -> str:
     options = sys.modules.get("pmopt.cli.options")
     return getattr(options, "resume_hint", "") if options else ""
-
-
-def main() -> None:
-    """Console entry point."""
-    sys.exit(run())

@@ -1,0 +1,48 @@
+"""Ctrl-C and SIGTERM end a command, wherever they meet it.
+
+Raised at any moment, an exception can be lost: Python ignores it in a weak reference's callback,
+and importing runs one for every module while it holds the import lock, which then is held for
+good and stops every thread that imports. So it waits while that lock is held, and is raised again
+a second later if the command is still running.
+"""
+
+from __future__ import annotations
+
+import _imp
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+_SOON, _AGAIN = 0.02, 1.0
+
+
+class Interrupted(BaseException):
+    """Ctrl-C or SIGTERM. No KeyboardInterrupt, to which click adds an empty line."""
+
+
+def _interrupt(signum: int, frame: FrameType | None) -> None:
+    busy = _imp.lock_held()
+    signal.setitimer(signal.ITIMER_REAL, _SOON if busy else _AGAIN)
+    if not busy:
+        raise Interrupted
+
+
+def _lost(lost: Any) -> None:
+    """Say nothing of an interruption that Python ignored: it comes again."""
+    if not isinstance(lost.exc_value, Interrupted):
+        sys.__unraisablehook__(lost)
+
+
+def install() -> None:
+    """Take over SIGINT, unless it is ignored (nohup), and SIGTERM."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGALRM, _interrupt)
+    sys.unraisablehook = _lost
+
+
+def disarm() -> None:
+    """Stop raising: the command has ended."""
+    signal.setitimer(signal.ITIMER_REAL, 0.0)

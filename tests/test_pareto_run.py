@@ -961,3 +961,20 @@ def test_checkpoint_of_another_installation_is_refused(finished):
     )
     with pytest.raises(package.PmoptError, match="generation 2"):
         list(Optimisation(problem).generations([recorded[0], moved]))
+
+
+def test_active_bounds_leave_a_front(tmp_path):
+    """The front lies on a bound: sampling errors must not rule it out as a whole."""
+    bounds = {"constraints__volume": "{min = 5, max = 12}", "constraints__gci": "{min = 0.2}"}
+    run = run_pareto(config_of(population=12, generations=10, **bounds))
+    for design in run.front.designs:
+        assert min(design.slack.values()) >= 0
+        assert design.objectives["volume"] > 11
+
+
+def test_leftovers_of_a_kill_are_removed(tmp_path, cut_off):
+    left = [cut_off / ".front.csv.abc.pmopt-tmp", cut_off / "checkpoint" / ".x.pmopt-tmp"]
+    for path in left:
+        path.write_text("torn")
+    run_pareto(config_of(), cut_off, resume=True)
+    assert not any(path.exists() for path in left)

@@ -10,6 +10,15 @@ from pathlib import Path
 
 from pmopt.errors import PmoptError
 
+#: Ending of temporary names; what a killed run leaves of them is known by it.
+_TEMPORARY = ".pmopt-tmp"
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files that a killed run has left in a folder."""
+    for path in folder.glob(f".*{_TEMPORARY}"):
+        path.unlink(missing_ok=True)
+
 
 def write_atomic(path: Path, data: bytes | str) -> None:
     """Write a file under a temporary name in the same folder, flush it to disk and rename it.
@@ -23,7 +32,9 @@ def write_atomic(path: Path, data: bytes | str) -> None:
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, temporary = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.name}.", suffix=_TEMPORARY
+        )
         with os.fdopen(handle, "wb") as stream:
             stream.write(raw)
             stream.flush()

@@ -81,7 +81,7 @@ def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, On
     unit = find(config.mechanism).volume_unit
     first: tuple[int, float] | None = None  # first generation computed here, and when
 
-    with progress_bar(quiet, "generation", "generations") as report:
+    with progress_bar(quiet, "generation", "") as report:
 
         def on_generation(generation: Generation) -> None:
             nonlocal first

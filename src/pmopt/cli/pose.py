@@ -63,7 +63,11 @@ def ik_command(
       pmopt ik 2pauu-ppap --pose x=0.1,y=0.2,z=1.2
     """
     _one_of(pose, poses, "--pose, --poses")
-    given, ranges = options.parse_params(params), options.parse_ranges(limits, "--limits")
+    given = mechanism.resolve(options.parse_params(params), "--params")
+    ranges = options.parse_ranges(limits, "--limits")
+    mechanism.check_ranges(ranges, mechanism.joints, "--limits")
+    if working_mode != "all":
+        mechanism.check_mode(working_mode, "--working-mode")
 
     def solve(values: dict[str, Any], where: str) -> InverseResult:
         return kinematics.inverse_kinematics(
@@ -105,7 +109,7 @@ def fk_command(
       pmopt fk 2pauu-ppap --joints theta1=0.4,theta2=0.1,d=0.2
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
-    given = options.parse_params(params)
+    given = mechanism.resolve(options.parse_params(params), "--params")
 
     def solve(values: dict[str, Any], where: str) -> ForwardResult:
         return kinematics.forward_kinematics(mechanism, given, values, where)
@@ -149,9 +153,9 @@ def jacobian_command(
     """
     result = kinematics.jacobian_at(
         mechanism,
-        options.parse_params(params),
+        mechanism.resolve(options.parse_params(params), "--params"),
         options.parse_coordinates(pose, "--pose"),
-        working_mode,
+        mechanism.check_mode(working_mode, "--working-mode"),
         kind=kind,
         characteristic_length=characteristic_length,
         norm=norm,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import sha256, write_atomic
+from pmopt.files import remove_leftovers, sha256, write_atomic
 from pmopt.version import __version__
 
 MANIFEST = "manifest.json"
@@ -75,6 +75,7 @@ class RunFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             (self.path / MANIFEST).unlink(missing_ok=True)
+            remove_leftovers(self.path)
         except OSError as error:
             raise PmoptError(f"{self.path}: can not write: {error.strerror or error}") from error
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pmopt.errors import InputError
-from pmopt.files import write_atomic
+from pmopt.files import remove_leftovers, write_atomic
 from pmopt.synthesis.config import RunConfig, differences
 from pmopt.synthesis.problem import DesignProblem, Evaluations
 
@@ -134,6 +134,7 @@ class Checkpoint:
             return None
 
     def _write_run(self) -> None:
+        remove_leftovers(self.folder)
         document = {
             "schema": SCHEMA,
             "version": self.version,

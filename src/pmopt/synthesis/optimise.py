@@ -160,6 +160,29 @@ class Optimisation:
         return front[np.lexsort(front.T[::-1])]
 
     @property
+    def candidates(self) -> NDArray[np.float64]:
+        """Variables of the designs to measure finely: the current front, and a safer one.
+
+        Where a bound is active the front lies on it, and sampling errors alone put half of its
+        designs beyond. The non-dominated ones of all designs that keep every bound by two
+        standard errors stand in for them.
+        """
+        problem, evaluated = self.problem, self.evaluated
+        if not problem.bounds:
+            return self.front_variables
+        import moocore
+
+        safe = evaluated.feasible
+        for key, (name, _, _) in problem.bounds.items():
+            slack = evaluated.slack[:, problem.constraints.index(key)]
+            safe = safe & (slack >= 2 * evaluated.errors[:, problem.objectives.index(name)])
+        rows = np.flatnonzero(safe)
+        if len(rows):
+            rows = rows[moocore.is_nondominated(evaluated.values[rows], maximise=True)]
+        joined = np.concatenate([self.front_variables, evaluated.variables[rows]])
+        return np.asarray(np.unique(joined, axis=0))
+
+    @property
     def evaluated(self) -> Evaluations:
         """Every design evaluated, in order."""
         return Evaluations.join(self._parts)

@@ -34,12 +34,6 @@ class InfeasibleError(PmoptError):
     exit_code = 3
 
 
-class VerificationError(PmoptError):
-    """A result that a second computation does not confirm."""
-
-    exit_code = 4
-
-
 def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
     """Return the error for a name that is not among the allowed ones, with the nearest valid one.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,6 @@ from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids,
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
 from pmopt.analysis.shape import DEFAULT_GRID, Shape, measure_shape
 from pmopt.analysis.sweeper import (
-    BINS,
     Design,
     Notify,
     Sweeper,
@@ -21,7 +20,7 @@ from pmopt.analysis.sweeper import (
 )
 from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
-from pmopt.numerics.sequences import BLOCK, make_grid
+from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
 from pmopt.units import ONE, unit_of
 
 #: Called with points done and points planned.
@@ -192,13 +191,13 @@ def compute_workspace(
     sweeper = Sweeper(mechanism, settings, seed, threads, notify)
     design = sweeper.design(mechanism.resolve(params or {}))
     if settings.grid is not None:
-        check_grid(settings.grid, len(mechanism.pose))
         tallies, estimates = measure_on_grids(sweeper, design, settings.grid, progress)
     elif settings.target_error is not None:
         tallies, estimates = measure_to_target(sweeper, design, settings.target_error, progress)
     else:
-        replicates, points = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
-        tallies = _accumulate(sweeper, design, replicates, [(0, points)], progress)
+        replicates, count = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
+        points = sweeper.sequence(replicates)
+        tallies = _accumulate(sweeper, design, points, 0, count, progress)
         estimates = from_replicates(tallies)
     wants_shape = shape_grid > 0 and len(mechanism.pose) <= 3
     return _result(
@@ -213,22 +212,21 @@ def compute_workspace(
 def _accumulate(
     sweeper: Sweeper,
     design: Design,
-    replicates: int,
-    spans: Iterable[tuple[int, int]],
+    points: Sequence,
+    first: int,
+    last: int,
     progress: Progress | None,
     tallies: Tallies | None = None,
 ) -> Tallies:
-    """Add the points of some spans of indices, chunk by chunk in order."""
-    points = sweeper.sequence(replicates)
-    for first, last in spans:
-        for part in sweeper.stream(design, points, chunk_ranges(first, last, replicates)):
-            if tallies is None:
-                tallies = part
-            else:
-                tallies.add(part)
-            if progress:
-                progress(tallies.points * replicates, last * replicates)
-    assert tallies is not None  # every span holds a point
+    """Add the points ``first .. last - 1`` of every replicate, chunk by chunk in order."""
+    for part in sweeper.stream(design, points, chunk_ranges(first, last, points.replicates)):
+        if tallies is None:
+            tallies = part
+        else:
+            tallies.add(part)
+        if progress:
+            progress(tallies.points * points.replicates, last * points.replicates)
+    assert tallies is not None  # every range holds a point
     return tallies
 
 
@@ -251,7 +249,8 @@ def measure_to_target(
     """
     replicates = sweeper.settings.replicates or split_samples(_FIRST_ROUND, None)[0]
     last = max(1, _FIRST_ROUND // replicates // BLOCK) * BLOCK  # a later round begins a block
-    tallies = _accumulate(sweeper, design, replicates, [(0, last)], progress)
+    points = sweeper.sequence(replicates)
+    tallies = _accumulate(sweeper, design, points, 0, last, progress)
     met = 0
     while True:
         estimates = from_replicates(tallies)
@@ -267,7 +266,7 @@ def measure_to_target(
                 f"target error {target} not reached with {last * replicates} samples: "
                 f"the relative standard error is {worst:.2g}"
             )
-        tallies = _accumulate(sweeper, design, replicates, [(last, 2 * last)], progress, tallies)
+        tallies = _accumulate(sweeper, design, points, last, 2 * last, progress, tallies)
         last *= 2
 
 
@@ -276,24 +275,19 @@ def measure_on_grids(
 ) -> tuple[Tallies, Estimates]:
     """Evaluate the grid and coarser ones that tell its error."""
     dimension = len(design.width)
+    check_grid(cells, dimension)
     sizes = [max(2, round(cells * ratio)) for ratio in _COARSER_GRIDS] + [cells]
     planned = sum(n**dimension for n in sizes)
-    done = 0
-    results = []
+    results: list[Tallies] = []
     for n in sizes:
-        tallies: Tallies | None = None
-        for part in sweeper.stream(
-            design, make_grid(dimension, n), chunk_ranges(0, n**dimension, 1)
-        ):
-            if tallies is None:
-                tallies = part
-            else:
-                tallies.add(part)
+        done = sum(t.points for t in results)
+
+        def report(count: int, _: int, done: int = done) -> None:
             if progress:
-                progress(done + tallies.points, planned)
-        assert tallies is not None
-        done += tallies.points
-        results.append(tallies)
+                progress(done + count, planned)
+
+        grid = make_grid(dimension, n)
+        results.append(_accumulate(sweeper, design, grid, 0, n**dimension, report))
     coarse = [(cells / n, t) for n, t in zip(sizes[:-1], results[:-1], strict=True)]
     return results[-1], from_grids(results[-1], coarse)
 
@@ -347,6 +341,3 @@ def _result(
         shape=shape,
         units=units,
     )
-
-
-__all__ = ["BINS", "Region", "WorkspaceResult", "compute_workspace"]

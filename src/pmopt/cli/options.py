@@ -160,6 +160,14 @@ def parse_params(texts: Sequence[str]) -> dict[str, Any]:
     return given
 
 
+def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, float | None]:
+    """Return all design parameters; what is wrong with one of a file names the file."""
+    for text in texts:
+        where = f"--params: {text[1:]}" if text.startswith("@") else "--params"
+        mechanism.resolve(parse_params([text]), where)
+    return mechanism.resolve(parse_params(texts), "--params")
+
+
 def _params_file(path: Path) -> dict[str, Any]:
     from pmopt.analysis.validation import read_toml
 

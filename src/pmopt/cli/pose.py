@@ -63,7 +63,7 @@ def ik_command(
       pmopt ik 2pauu-ppap --pose x=0.1,y=0.2,z=1.2
     """
     _one_of(pose, poses, "--pose, --poses")
-    given = mechanism.resolve(options.parse_params(params), "--params")
+    given = options.design_parameters(mechanism, params)
     ranges = options.parse_ranges(limits, "--limits")
     mechanism.check_ranges(ranges, mechanism.joints, "--limits")
     if working_mode != "all":
@@ -109,7 +109,7 @@ def fk_command(
       pmopt fk 2pauu-ppap --joints theta1=0.4,theta2=0.1,d=0.2
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
-    given = mechanism.resolve(options.parse_params(params), "--params")
+    given = options.design_parameters(mechanism, params)
 
     def solve(values: dict[str, Any], where: str) -> ForwardResult:
         return kinematics.forward_kinematics(mechanism, given, values, where)
@@ -153,7 +153,7 @@ def jacobian_command(
     """
     result = kinematics.jacobian_at(
         mechanism,
-        mechanism.resolve(options.parse_params(params), "--params"),
+        options.design_parameters(mechanism, params),
         options.parse_coordinates(pose, "--pose"),
         mechanism.check_mode(working_mode, "--working-mode"),
         kind=kind,

@@ -105,7 +105,7 @@ def workspace_command(
     )
     task = WorkspaceTask(
         mechanism,
-        mechanism.resolve(options.parse_params(params), "--params"),
+        options.design_parameters(mechanism, params),
         settings,
         seed,
         DEFAULT_GRID if shape_grid is None else shape_grid,

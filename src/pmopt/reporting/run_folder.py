@@ -47,6 +47,8 @@ class RunFolder:
     path : Path
     force : bool
         Allow a folder that holds a finished or interrupted run.
+    interrupted : bool
+        Whether the folder holds a run that was begun and not finished.
 
     Raises
     ------

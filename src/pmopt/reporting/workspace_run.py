@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 from pmopt.analysis.settings import DEFAULT_SAMPLES
-from pmopt.analysis.sweeper import Notify
-from pmopt.analysis.workspace import BINS, Progress, WorkspaceResult, compute_workspace
+from pmopt.analysis.sweeper import BINS, Notify
+from pmopt.analysis.workspace import Progress, WorkspaceResult, compute_workspace
 from pmopt.reporting import pictures
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Table, to_csv, to_json

@@ -56,7 +56,7 @@ class Front:
     ----------
     designs : tuple of FrontDesign
     dropped : int
-        Designs of the search's front that the finer measurement found dominated or infeasible.
+        Designs that the search offered and the finer measurement found dominated or infeasible.
     hypervolume : float
     idle : tuple of dict
         Directions of the design space along which no objective changes: parameter to
@@ -86,6 +86,7 @@ class Front:
         names = list(self.designs[0].objectives)
         return {
             "designs": len(self.designs),
+            "dropped": self.dropped,
             "hypervolume": number(self.hypervolume),
             "reference_point": dict.fromkeys(names, REFERENCE),
             "knee": self.knee.to_dict(),
@@ -184,8 +185,9 @@ def idle_directions(
     rows = (slopes / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1).reshape(-1, count)
     _, singular, basis = np.linalg.svd(rows, full_matrices=True)
     rank = int((singular > _CANDIDATE * singular[0]).sum())
-    corners = np.array(list(itertools.product(*zip(problem.lower, problem.upper, strict=True))))
-    bases = np.concatenate([centres, corners[:_CORNERS], front[:: max(1, len(front) // _PROBES)]])
+    corners = itertools.product(*zip(problem.lower, problem.upper, strict=True))
+    some = np.array(list(itertools.islice(corners, _CORNERS)))
+    bases = np.concatenate([centres, some, front[:: max(1, len(front) // _PROBES)]])
     before = problem.evaluate(bases).values
     found = []
     for direction in _reduced(basis[rank:] * span):

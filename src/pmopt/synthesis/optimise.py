@@ -75,7 +75,6 @@ class Optimisation:
     def __init__(self, problem: DesignProblem) -> None:
         self.problem = problem
         self._parts: list[Evaluations] = []
-        self._final: Evaluations | None = None
 
     def generations(self, recorded: list[Evaluations] | None = None) -> Iterator[Generation]:
         """Run, yielding after each generation; recorded ones are told without evaluation.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pmopt.analysis.estimates import from_replicates, of_population
-from pmopt.analysis.kinematics import inverse_kinematics, jacobian_at
+from pmopt.analysis.kinematics import inverse_kinematics, jacobian_at, of_limb
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import BINS, Sweeper
 from pmopt.errors import InputError, PmoptError
@@ -22,9 +22,14 @@ MODES = [(name, mode) for name in names() for mode in find(name).working_modes]
 in_every_mode = pytest.mark.parametrize(("name", "mode"), MODES)
 
 
+def box(mechanism, params):
+    """Return the reach box under the default limits."""
+    return mechanism.reach_box(params, mechanism.default_limits(params))
+
+
 def random_poses(mechanism, params, count, seed=1, margin=0.0):
     """Return poses in the reach box, widened by a share of its width on every side."""
-    lower, upper = mechanism.reach_box(params, {})
+    lower, upper = box(mechanism, params)
     width = upper - lower
     unit = np.random.default_rng(seed).uniform(-margin, 1 + margin, (count, len(lower)))
     return [
@@ -33,15 +38,24 @@ def random_poses(mechanism, params, count, seed=1, margin=0.0):
     ]
 
 
+def ready(mechanism, params, mode, length=1.0, limits=None):
+    """Return the kernel's constants under the default limits, some of them replaced."""
+    merged = {**mechanism.default_limits(params), **(limits or {})}
+    return tuple(mechanism.kernel_constants(params, mode, length, merged))
+
+
 def reachable(mechanism, params, count, mode=None, seed=1):
     """Return ``count`` random (pose, solution) pairs of a working mode, by default the first."""
     mode = mode or mechanism.working_modes[0]
+    constants = ready(mechanism, params, mode)
     pairs = []
-    for pose in random_poses(mechanism, params, 100 * count, seed):
+    for pose in random_poses(mechanism, params, 400 * count, seed):
+        if mechanism.kernel(*pose.values(), constants)[0] < 0:
+            continue
         pairs += [(pose, s) for s in mechanism.inverse(params, pose) if s.working_mode == mode]
         if len(pairs) == count:
             return pairs
-    raise AssertionError("hardly a pose of the reach box is reachable")
+    raise AssertionError("hardly a pose of the box is reachable")
 
 
 def some_limits(mechanism, params):
@@ -77,7 +91,7 @@ def test_declarations(mechanism):
     for parameter in params:
         assert parameter.meaning.strip()
         assert parameter.source.strip()
-        assert mechanism.unit(parameter) in (mechanism.length_unit, "rad")
+        assert mechanism.unit(parameter) in (mechanism.length_unit, "rad", "1")
         if parameter.bounds is not None:
             low, high = parameter.bounds
             assert low < high
@@ -178,15 +192,15 @@ def test_kernel_entries_are_the_inverse_jacobian(name, mode, length):
     params = mechanism.resolve({})
     length = length or mechanism.characteristic_length(params)
     order = len(mechanism.joints)
-    constants = mechanism.kernel_constants(params, mode, length, {})
+    constants = ready(mechanism, params, mode, length)
     assert len(constants) == mechanism.constant_count
     for pose, solution in reachable(mechanism, params, 60, mode):
         margin, *entries = mechanism.kernel(*pose.values(), tuple(constants))
         assert margin >= 0
         found = np.reshape(entries, (order, order))
         j_x, j_q = mechanism.velocity_maps(params, pose, solution.joints)
-        columns = np.ones(order) if length == 1 else mechanism.column_lengths(length)
-        inverse = columns[:, None] * np.linalg.solve(j_q, j_x)
+        rows, columns = mechanism.homogenizing(length)
+        inverse = columns[:, None] * np.linalg.solve(j_q, j_x) / rows
         scale = np.linalg.norm(inverse) / np.linalg.norm(found)
         sign = np.sign((inverse * found).sum())
         np.testing.assert_allclose(
@@ -201,7 +215,7 @@ def test_jacobian_at_agrees_with_the_kernel(name, mode):
     order = len(mechanism.joints)
     for kind, length in (("raw", 1.0), ("homogenized", None)):
         size = length or mechanism.characteristic_length(params)
-        constants = tuple(mechanism.kernel_constants(params, mode, size, {}))
+        constants = ready(mechanism, params, mode, size)
         for pose, _ in reachable(mechanism, params, 10, mode):
             entries = mechanism.kernel(*pose.values(), constants)[1:]
             for norm in ("2", "fro"):
@@ -224,18 +238,26 @@ def test_margin_is_the_limits_of_inverse(name, mode):
         if joint.kind == "angle":  # counts modulo a turn
             cases.append({joint.name: (low + 2 * math.pi, high + 2 * math.pi)})
     for limits in cases:
-        constants = tuple(mechanism.kernel_constants(params, mode, 1.0, limits))
+        constants = ready(mechanism, params, mode, 1.0, limits)
+        merged = {**mechanism.default_limits(params), **limits}
         seen = 0
         for pose in random_poses(mechanism, params, 500, margin=0.1):
-            solutions = {s.working_mode: s.joints for s in mechanism.inverse(params, pose)}
-            inside = bool(solutions) and mechanism.admits(params, pose)
-            for joint in mechanism.joints:
-                if inside and joint.name in limits:
-                    inside = within(solutions[mode][joint.name], limits[joint.name], joint.kind)
+            solutions = {s.working_mode: s for s in mechanism.inverse(params, pose)}
+            inside = mode in solutions and mechanism.admits(params, pose)
+            if inside:
+                values = {**solutions[mode].passive, **solutions[mode].joints}
+                inside = all(
+                    within(v, merged[c.name], c.kind)
+                    for c in mechanism.limited
+                    if c.name in merged
+                    for k, v in values.items()
+                    if of_limb(c.name, k)
+                )
             assert (mechanism.kernel(*pose.values(), constants)[0] >= 0) == inside
             seen += inside
-            if solutions:
-                (told,) = inverse_kinematics(mechanism, params, pose, mode, limits).within_limits
+            if mode in solutions:
+                every = {c.name: merged[c.name] for c in mechanism.limited if c.name in merged}
+                (told,) = inverse_kinematics(mechanism, params, pose, mode, every).within_limits
                 assert told == inside
         assert 5 < seen < 495
 
@@ -244,7 +266,7 @@ def test_margin_is_continuous_outside(mechanism):
     """Between neighbouring poses the margin moves little, on both sides of zero."""
     params = mechanism.resolve({})
     limits = some_limits(mechanism, params)
-    constants = tuple(mechanism.kernel_constants(params, mechanism.working_modes[0], 1.0, limits))
+    constants = ready(mechanism, params, mechanism.working_modes[0], 1.0, limits)
     here, there = random_poses(mechanism, params, 2, margin=0.1)
     a, b = np.array(list(here.values())), np.array(list(there.values()))
 
@@ -293,7 +315,7 @@ def naive_sweep(sweeper, design, points, count):
 def half_domain(mechanism):
     """Return a domain that cuts the box on two sides."""
     params = mechanism.resolve({})
-    lower, upper = mechanism.reach_box(params, {})
+    lower, upper = box(mechanism, params)
     first, last = mechanism.pose[0].name, mechanism.pose[-1].name
     middle = (lower + upper) / 2
     return {
@@ -374,7 +396,7 @@ def test_chunks_add_up_to_the_whole(mechanism):
 def test_margin_of_an_empty_sample_is_the_best_met(mechanism):
     """Out of reach everywhere: the largest margin tells how far from feasible a design is."""
     params = mechanism.resolve({})
-    lower, upper = mechanism.reach_box(params, {})
+    lower, upper = mechanism.reach_box(params, mechanism.default_limits(params))
     sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
     design = sweeper.design(params)
     design.lower[0] = upper[0] + 0.1 * (upper - lower)[0]

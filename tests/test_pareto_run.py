@@ -832,7 +832,12 @@ sides = st.floats(0, 100, width=32)
 def test_hypervolume(points):
     values = np.array(points, dtype=float).reshape(-1, 2)
     # A dozen sums of products of size 1e4 at most.
-    assert hypervolume(values) == pytest.approx(naive_hypervolume(values), rel=1e-12, abs=1e-9)
+    found = hypervolume(values, np.array([1, 1]), (0.0, 0.0))
+    assert found == pytest.approx(naive_hypervolume(values), rel=1e-12, abs=1e-9)
+    # The same with the second objective minimised below a reference.
+    flipped = values * [1, -1] + [0.0, 7.0]
+    found = hypervolume(flipped, np.array([1, -1]), (0.0, 7.0))
+    assert found == pytest.approx(naive_hypervolume(values), rel=1e-9, abs=1e-9)
 
 
 def test_naive_hypervolume_of_known_sets():

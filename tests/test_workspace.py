@@ -624,6 +624,15 @@ def kernel(x, y, z, constants):
 """
 
 
+def still(x, y, z, constants):
+    return (0.0,) * 12
+
+
+def recipe(kernel, norm="2", constants=1):
+    """Return what a kernel of three coordinates is specialised to, without a skeleton."""
+    return specialise.Recipe(kernel, still, 3, constants, 3, norm, (), (), 0)
+
+
 def load_kernel(path, factor=1.0, tiny=1e-300):
     """Return the kernel of a module of its own whose helper depends on constants."""
     path.write_text(KERNEL.format(factor=factor, tiny=tiny))
@@ -637,7 +646,7 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
     """A constant of a helper, the norm, a shared function: none leaves the machine code's key."""
 
     def digest(kernel, norm="2"):
-        return specialise._digest(specialise.module_text(kernel, 3, 1, 3, norm))
+        return specialise._digest(specialise.module_text(recipe(kernel, norm)))
 
     base = load_kernel(tmp_path / "one.py")
     assert digest(load_kernel(tmp_path / "two.py")) == digest(base)
@@ -653,7 +662,7 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
 def test_text_stands_alone():
     """The specialised module imports nothing of the package."""
     for norm in ("2", "fro"):
-        module = specialise.module_text(PAUU.kernel, 3, PAUU.constant_count, 3, norm)
+        module = specialise.module_text(recipe(PAUU.kernel, norm, PAUU.constant_count))
         compile(module, "specialised", "exec")
         assert "pmopt" not in re.sub(r":mod:`[^`]*`|:class:`[^`]*`", "", module)
         assert f"inverse_condition_{norm}(" in module
@@ -663,7 +672,7 @@ def test_constants_of_one_name_do_not_mix(tmp_path):
     """A kernel's TINY must not become that of the conditioning."""
     kernel = load_kernel(tmp_path / "clash.py", tiny=0.5)
     with pytest.raises(TypeError, match="TINY"):
-        specialise.module_text(kernel, 3, 1, 3, "2")
+        specialise.module_text(recipe(kernel))
 
 
 def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
@@ -673,11 +682,11 @@ def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     for factor in (2.0, 4.0):
         kernel = load_kernel(tmp_path / "kernel.py", factor)
         compiled = []
-        module = specialise.specialise(kernel, 3, 1, 3, "2", lambda: compiled.append(1))  # noqa: B023
+        module = specialise.specialise(recipe(kernel), lambda: compiled.append(1))  # noqa: B023
         margin, lci = np.empty(1), np.empty(1)
         module.field(poses, np.array([0.5]), margin, lci)
         assert compiled == [1]
-        assert specialise.specialise(kernel, 3, 1, 3, "2") is module
+        assert specialise.specialise(recipe(kernel)) is module
         assert margin[0] == 0.25
         folders.append(os.path.dirname(module.__file__))
         values.append(lci[0])

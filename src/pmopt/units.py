@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from typing import Literal
 
 Kind = Literal["length", "angle"]
+#: Parameters may also be plain ratios.
+ParameterKind = Literal["length", "angle", "ratio"]
 LengthUnit = Literal["m", "mm"]
 
 ANGLE = "rad"
@@ -14,9 +16,9 @@ ANGLE = "rad"
 ONE = "1"
 
 
-def unit_of(kind: Kind, length_unit: LengthUnit) -> str:
-    """Return the unit of a coordinate of this kind."""
-    return length_unit if kind == "length" else ANGLE
+def unit_of(kind: ParameterKind, length_unit: LengthUnit) -> str:
+    """Return the unit of a coordinate or parameter of this kind."""
+    return {"length": length_unit, "angle": ANGLE, "ratio": ONE}[kind]
 
 
 def measure_unit(kinds: Iterable[Kind], length_unit: LengthUnit) -> str:

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pmopt.analysis.workspace import index_note
+from pmopt.analysis.workspace import index_note, mixed_units
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms.base import (
-    Coordinate,
     ForwardSolution,
     InverseSolution,
     JacobianKind,
@@ -21,6 +20,7 @@ from pmopt.mechanisms.base import (
     Ranges,
     Vector,
     within,
+    wrap_angle,
 )
 from pmopt.units import ONE, unit_of
 
@@ -49,6 +49,7 @@ class InverseResult:
                     "working_mode": s.working_mode,
                     "joints": s.joints,
                     "parasitic": s.parasitic,
+                    **({"passive": s.passive} if s.passive else {}),
                     "within_limits": inside,
                 }
                 for s, inside in zip(self.solutions, self.within_limits, strict=True)
@@ -84,8 +85,10 @@ class JacobianResult:
     """Velocity maps and conditioning at a pose in one working mode.
 
     ``inverse_distance`` is the distance to the inverse (type I) singularity by limb, in the
-    length unit; ``inverse_measure`` and ``forward_measure`` are normalised determinants, 0 at an
-    inverse (type I) or forward (type II) singularity.
+    length unit; ``inverse_measure``, ``forward_measure`` and ``constraint_measure`` are normalised
+    determinants, 0 at an inverse (type I), forward (type II) or constraint singularity.
+    ``lci_translational`` and ``lci_rotational`` are of the rows of the homogenized Jacobian for
+    lengths and for angles alone; None where there are no such rows.
     """
 
     mechanism: str
@@ -101,10 +104,13 @@ class JacobianResult:
     norm: str
     lci_raw: float
     lci_homogenized: float
+    lci_translational: float | None
+    lci_rotational: float | None
     characteristic_length: float
     inverse_distance: dict[str, float]
     inverse_measure: dict[str, float]
     forward_measure: dict[str, float]
+    constraint_measure: dict[str, float]
     singular: tuple[str, ...]
     units: dict[str, str]
 
@@ -131,13 +137,18 @@ class JacobianResult:
             "lci": self.lci,
             "lci_raw": self.lci_raw,
             "lci_homogenized": self.lci_homogenized,
+            "lci_translational": self.lci_translational,
+            "lci_rotational": self.lci_rotational,
             "jacobian": self.kind,
             "norm": self.norm,
             "characteristic_length": self.characteristic_length,
-            "index_note": index_note(self.kind, length if self.kind != "raw" else None, unit),
+            "index_note": index_note(
+                self.kind, length if self.kind != "raw" else None, unit, self.units["mixed"]
+            ),
             "singularity": {
                 "type_1": {"distance": self.inverse_distance, "determinant": self.inverse_measure},
                 "type_2": {"determinant": self.forward_measure},
+                "constraint": {"determinant": self.constraint_measure},
                 "singular": list(self.singular),
             },
             "units": self.units,
@@ -145,7 +156,15 @@ class JacobianResult:
 
 
 def _units(mechanism: Mechanism) -> dict[str, str]:
-    return {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
+    return {
+        c.name: mechanism.unit(c)
+        for c in (*mechanism.pose, *mechanism.joints, *mechanism.parasitic)
+    }
+
+
+def of_limb(limited: str, name: str) -> bool:
+    """Return whether limits on one name hold for a value: its own, or a limb's of that kind."""
+    return name == limited or name.rpartition("_")[0] == limited
 
 
 def _forward_units(mechanism: Mechanism) -> dict[str, str]:
@@ -162,8 +181,8 @@ def _require_reach(
         for r in mechanism.reach(parameters, pose)
         if r.distance < 0
     ]
-    shown = ",".join(f"{name}={value!r}" for name, value in pose.items())
-    raise UnreachableError(f"{where}: {shown} is out of reach: {'; '.join(misses)}")
+    told = "; ".join(misses) or "the limbs can not be assembled there"
+    raise UnreachableError(f"{where}: {_shown(pose)} is out of reach: {told}")
 
 
 def inverse_kinematics(
@@ -200,32 +219,82 @@ def inverse_kinematics(
     """
     parameters = mechanism.resolve(params or {})
     checked = mechanism.check_coordinates(pose, mechanism.pose, where)
-    ranges = mechanism.check_ranges(limits or {}, mechanism.joints, "limits")
+    given = mechanism.check_ranges(limits or {}, mechanism.limited, "limits")
+    ranges = {**mechanism.default_limits(parameters), **given}
     if working_mode != "all":
         mechanism.check_mode(working_mode)
     solutions = mechanism.inverse(parameters, checked)
     if not solutions:
         _require_reach(mechanism, parameters, checked, where)
     chosen = tuple(s for s in solutions if working_mode in ("all", s.working_mode))
+    if not chosen:
+        raise UnreachableError(
+            f"{where}: {_shown(checked)} is out of reach in working mode {working_mode}; "
+            f"it is reached in {', '.join(s.working_mode for s in solutions)}"
+        )
+    # Strokes are the reach of a limb; limits that a user gives instead are told by within_limits.
+    strokes = {
+        c.name: ranges[c.name] for c in mechanism.joints if c.name in ranges and c.name not in given
+    }
+    if strokes and not any(_keeps(mechanism, s, strokes) for s in chosen):
+        _require_strokes(mechanism, chosen, strokes, checked, where)
     return InverseResult(
         mechanism.name,
         checked,
         chosen,
-        tuple(_within_limits(mechanism, parameters, checked, s.joints, ranges) for s in chosen),
+        tuple(mechanism.admits(parameters, checked) and _keeps(mechanism, s, ranges)
+              for s in chosen),
         _units(mechanism),
+    )  # fmt: skip
+
+
+def _shown(values: Mapping[str, float]) -> str:
+    return ",".join(f"{name}={value!r}" for name, value in values.items())
+
+
+def _keeps(mechanism: Mechanism, solution: InverseSolution, ranges: Ranges) -> bool:
+    """Return whether joints and passive joints are within their limits."""
+    values = {**solution.passive, **solution.joints}
+    return all(
+        within(value, ranges[c.name], c.kind)
+        for c in mechanism.limited
+        if c.name in ranges
+        for name, value in values.items()
+        if of_limb(c.name, name)
     )
 
 
-def _within_limits(
+def _require_strokes(
     mechanism: Mechanism,
-    parameters: Parameters,
+    solutions: tuple[InverseSolution, ...],
+    strokes: Ranges,
     pose: Mapping[str, float],
-    joints: Mapping[str, float],
-    ranges: Ranges,
-) -> bool:
-    return mechanism.admits(parameters, pose) and all(
-        within(joints[c.name], ranges[c.name], c.kind) for c in mechanism.joints if c.name in ranges
-    )
+    where: str,
+) -> None:
+    """Raise the error that names each joint out of its stroke and by how much, best branch."""
+
+    def misses(solution: InverseSolution) -> dict[str, float]:
+        beyond = {
+            k: max(low - solution.joints[k], solution.joints[k] - high)
+            for k, (low, high) in strokes.items()
+        }
+        return {k: v for k, v in beyond.items() if v > 0}
+
+    best = min(solutions, key=lambda s: sum(misses(s).values()))
+    units = _units(mechanism)
+    told = []
+    for number, joint in enumerate(mechanism.joints):
+        miss = misses(best).get(joint.name)
+        if miss is None:
+            continue
+        limb = f"{mechanism.limbs[number].name}, " if number < len(mechanism.limbs) else ""
+        low, high = strokes[joint.name]
+        reason = "too close" if best.joints[joint.name] < low else "too far"
+        told.append(
+            f"{limb}{joint.name} = {best.joints[joint.name]:.6g} {units[joint.name]} misses its "
+            f"stroke [{low:g}, {high:g}] by {miss:.6g} {units[joint.name]} ({reason})"
+        )
+    raise UnreachableError(f"{where}: {_shown(pose)} is out of reach: {'; '.join(told)}")
 
 
 def no_inverse(mechanism: Mechanism, pose: dict[str, float]) -> InverseResult:
@@ -243,8 +312,18 @@ def forward_kinematics(
     params: Mapping[str, Any] | None,
     joints: Mapping[str, Any],
     where: str = "joints",
+    near: Mapping[str, Any] | None = None,
 ) -> ForwardResult:
-    """Solve the forward kinematics: all assembly modes.
+    """Solve the forward kinematics: the assembly modes, all that are found or the one nearest.
+
+    Parameters
+    ----------
+    mechanism, params, where
+        See :func:`inverse_kinematics`.
+    joints : mapping
+        Every actuated joint.
+    near : mapping, optional
+        A pose; only the assembly mode nearest to it is returned.
 
     Raises
     ------
@@ -257,11 +336,25 @@ def forward_kinematics(
     checked = mechanism.check_coordinates(joints, mechanism.joints, where)
     solutions = mechanism.forward(parameters, checked)
     if not solutions:
-        shown = ",".join(f"{name}={value!r}" for name, value in checked.items())
-        raise UnreachableError(
-            f"{where}: {shown} can not be assembled: {mechanism.why_not(parameters, checked)}"
-        )
+        reason = mechanism.why_not(parameters, checked)
+        raise UnreachableError(f"{where}: {_shown(checked)} can not be assembled: {reason}")
+    if near is not None:
+        goal = mechanism.check_coordinates(near, mechanism.pose, "near")
+        size = mechanism.characteristic_length(parameters)
+        solutions = (min(solutions, key=lambda s: _distance(mechanism, s.pose, goal, size)),)
     return ForwardResult(mechanism.name, checked, solutions, _forward_units(mechanism))
+
+
+def _distance(
+    mechanism: Mechanism, pose: Mapping[str, float], goal: Mapping[str, float], size: float
+) -> float:
+    """Return how far two poses are from each other, angles weighed by the size."""
+    return sum(
+        (size * wrap_angle(pose[c.name] - goal[c.name])) ** 2
+        if c.kind == "angle"
+        else (pose[c.name] - goal[c.name]) ** 2
+        for c in mechanism.pose
+    )
 
 
 def jacobian_at(
@@ -271,7 +364,7 @@ def jacobian_at(
     working_mode: str | None = None,
     *,
     kind: JacobianKind | None = None,
-    characteristic_length: float | None = None,
+    characteristic_length: float | str | None = None,
     norm: str = "2",
     where: str = "pose",
 ) -> JacobianResult:
@@ -287,8 +380,8 @@ def jacobian_at(
         Default: the mechanism's first.
     kind : {"raw", "homogenized"}, optional
         Default: the mechanism's own, or homogenized where a characteristic length is given.
-    characteristic_length : float, optional
-        Default: the mechanism's own.
+    characteristic_length : float or "optimal", optional
+        Default: the mechanism's own; optimal: the one with the smallest condition number here.
     norm : {"2", "fro"}
 
     Raises
@@ -299,8 +392,14 @@ def jacobian_at(
     parameters = mechanism.resolve(params or {})
     mode = mechanism.check_mode(working_mode)
     if characteristic_length is not None:
-        if not (np.isfinite(characteristic_length) and characteristic_length > 0):
-            raise InputError(f"characteristic length {characteristic_length} must be a number > 0")
+        if characteristic_length != "optimal" and not (
+            isinstance(characteristic_length, int | float)
+            and np.isfinite(characteristic_length)
+            and characteristic_length > 0
+        ):
+            raise InputError(
+                f"characteristic length {characteristic_length} must be a number > 0, or optimal"
+            )
         if kind == "raw":
             raise InputError("characteristic length: needs the homogenized Jacobian, not raw")
         kind = "homogenized"
@@ -312,16 +411,28 @@ def jacobian_at(
     size = mechanism.characteristic_length(parameters)
     singular = tuple(
         [f"type 1, {limb}" for limb, distance in reach.items() if distance <= SINGULAR * size]
+        + [f"type 1, {limb}" for limb, v in measures["inverse"].items()
+           if abs(v) <= SINGULAR and reach.get(limb, 1.0) > SINGULAR * size]
         + [f"type 2, {k}" for k, v in measures["forward"].items() if abs(v) <= SINGULAR]
-    )
-    length = characteristic_length or size
-    jacobian = values = None
+        + [f"constraint, {k}" for k, v in measures.get("constraint", {}).items()
+           if abs(v) <= SINGULAR]
+    )  # fmt: skip
+    length = size if characteristic_length is None else characteristic_length
+    jacobian = values = translational = rotational = None
     raw = homogenized = 0.0
     if not singular:
         jacobian = np.asarray(np.linalg.solve(j_x, j_q), dtype=float)
         values = np.asarray(np.linalg.svd(jacobian, compute_uv=False), dtype=float)
         raw = inverse_condition(jacobian, norm)
-        homogenized = inverse_condition(jacobian / mechanism.column_lengths(length), norm)
+        if length == "optimal":
+            length = _best_length(mechanism, jacobian, size)
+        scaled = homogenize(mechanism, jacobian, float(length))
+        homogenized = inverse_condition(scaled, norm)
+        angular = np.array([c.kind == "angle" for c in mechanism.pose])
+        translational, rotational = (
+            inverse_condition(scaled[rows], norm) if rows.any() else None
+            for rows in (~angular, angular)
+        )
     return JacobianResult(
         mechanism=mechanism.name,
         params=dict(parameters),
@@ -336,10 +447,13 @@ def jacobian_at(
         norm=norm,
         lci_raw=raw,
         lci_homogenized=homogenized,
-        characteristic_length=length,
+        lci_translational=translational,
+        lci_rotational=rotational,
+        characteristic_length=size if length == "optimal" else float(length),
         inverse_distance=reach,
         inverse_measure=measures["inverse"],
         forward_measure=measures["forward"],
+        constraint_measure=measures.get("constraint", {}),
         singular=singular,
         units={
             **_units(mechanism),
@@ -354,20 +468,39 @@ def jacobian_at(
 
 def _jacobian_units(mechanism: Mechanism) -> dict[str, str]:
     """Return the unit of J's columns, joint by joint, and that singular values mix them."""
-
-    def ratio(numerator: Coordinate, denominator: Coordinate) -> str:
-        return f"{mechanism.unit(numerator)}/{mechanism.unit(denominator)}"
-
     columns = [
-        ", ".join(dict.fromkeys(ratio(row, joint) for row in mechanism.pose))
-        for joint in mechanism.joints
+        ", ".join(dict.fromkeys(row[k] for row in mechanism.entry_units))
+        for k in range(len(mechanism.joints))
     ]
     mixed = len(set(columns)) > 1 or ", " in columns[0]
     return {
         "J": "columns in " + "; ".join(columns),
         "singular_values": "mixed, see J" if mixed else columns[0],
+        "mixed": mixed_units(mechanism),
         **mechanism.velocity_map_units(),
     }
+
+
+def homogenize(mechanism: Mechanism, jacobian: Matrix, length: float) -> Matrix:
+    """Return the Jacobian without units; see :meth:`Mechanism.homogenizing`."""
+    rows, columns = mechanism.homogenizing(length)
+    return rows[:, None] * jacobian / columns
+
+
+def _best_length(mechanism: Mechanism, jacobian: Matrix, size: float) -> float:
+    """Return the characteristic length with the smallest condition number (2-norm)."""
+    from scipy.optimize import minimize_scalar
+
+    def loss(log_length: float) -> float:
+        return -inverse_condition(homogenize(mechanism, jacobian, float(np.exp(log_length))), "2")
+
+    middle = float(np.log(size))
+    grid = np.linspace(middle - 7, middle + 7, 57)
+    start = grid[int(np.argmin([loss(x) for x in grid]))]
+    found = minimize_scalar(
+        loss, bounds=(start - 0.25, start + 0.25), method="bounded", options={"xatol": 1e-9}
+    )
+    return float(np.exp(found.x))
 
 
 def inverse_condition(matrix: Matrix, norm: str) -> float:

@@ -31,6 +31,12 @@ RangeEnd = Annotated[float, BeforeValidator(_end), PlainSerializer(_end_to_json,
 Range = tuple[RangeEnd, RangeEnd]
 
 
+def _length(value: Any) -> Any:
+    if isinstance(value, str) and value != "optimal":
+        raise ValueError("a number > 0 or optimal")
+    return value
+
+
 def _norm(value: Any) -> Any:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
@@ -51,11 +57,20 @@ class WorkspaceSettings(BaseModel):
     working_mode: str | None = None
     norm: Annotated[Norm, BeforeValidator(_norm)] = "2"
     jacobian: JacobianKind | None = None
-    characteristic_length: FiniteFloat | None = Field(default=None, gt=0)
+    characteristic_length: Annotated[
+        Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["optimal"] | None,
+        BeforeValidator(_length),
+    ] = None
     min_lci: FiniteFloat = Field(default=0.0, ge=0, le=1)
     regions: Annotated[tuple[FiniteFloat, ...], Field(strict=False)] = (0.0, 0.1, 0.3, 1.0)
     domain: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
     limits: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
+    link_diameter: FiniteFloat | None = Field(default=None, gt=0)
+    platform_diameter: FiniteFloat | None = Field(default=None, gt=0)
+    cone_angle: FiniteFloat | None = Field(default=None, gt=0, le=math.pi)
+    tool: Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None, Field(strict=False)] = None
+    aspect: Literal["home"] | None = None
+    block: Literal["translational", "rotational"] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> WorkspaceSettings:
@@ -73,6 +88,11 @@ class WorkspaceSettings(BaseModel):
             )
         if self.characteristic_length is not None and self.jacobian == "raw":
             raise ValueError("characteristic_length needs jacobian = homogenized, not raw")
+        if self.platform_diameter is not None and self.link_diameter is None:
+            raise ValueError("platform_diameter needs link_diameter")
+        for name in ("aspect", "block"):
+            if getattr(self, name) is not None and self.grid is not None:
+                raise ValueError(f"{name} and grid exclude each other")
         for table in ("domain", "limits"):
             for name, (low, high) in getattr(self, table).items():
                 if not low < high:

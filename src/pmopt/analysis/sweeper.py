@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.errors import InputError
-from pmopt.mechanisms.base import JacobianKind, Mechanism, Parameters, Vector
+from pmopt.mechanisms.base import Coordinate, JacobianKind, Mechanism, Parameters, Ranges, Vector
 from pmopt.numerics import sequences, sweep
-from pmopt.numerics.specialise import specialise
+from pmopt.numerics.specialise import PLACE, Recipe, specialise
 from pmopt.seeds import seed_sequence
 from pmopt.threads import default_threads, ordered_map
 
@@ -25,6 +25,12 @@ BINS = 1000
 CHUNK = 1 << 18
 
 Notify = Callable[[str], None]
+
+#: Where the tool point is in the base frame; limits can be set on it where there is a tool.
+TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
+#: The characteristic length that is best is sought on this many points, within this factor.
+_LENGTH_POINTS = 1 << 13
+_LENGTH_FACTOR = 30.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class Design:
 
     parameters: Parameters
     length: float
+    limits: Ranges
     lower: Vector
     width: Vector
     cut: NDArray[np.bool_]
@@ -45,6 +52,29 @@ class Design:
     def box_volume(self) -> float:
         """Volume of the box; 0 where nothing can be reached."""
         return float(np.prod(self.width))
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the kernel and the skeleton tell of N poses.
+
+    Attributes
+    ----------
+    margin : (N,) float64
+    entries : (N, n, n) float64
+        A multiple of the inverse Jacobian; a change of sign of its determinant is a singularity.
+    position, tool : (N, 3) float64
+        Of the platform's centre, and of the tool point (the same where there is no tool).
+    rotation : (N, 3, 3) float64
+    segments : (N, s, 2, 3) float64
+    """
+
+    margin: Vector
+    entries: NDArray[np.float64]
+    position: NDArray[np.float64]
+    tool: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    segments: NDArray[np.float64]
 
 
 @dataclass
@@ -119,22 +149,40 @@ class Sweeper:
         self.mechanism = mechanism
         self.settings = settings
         self.seed = seed
-        self._purpose = "workspace samples"
+        self.purpose = "workspace samples"
         default = default_threads()  # numba reads the variable too: a bad one is refused here
         self.threads = threads or default
         self.working_mode = mechanism.check_mode(settings.working_mode, f"{where}: working_mode")
         self.domain = mechanism.check_ranges(settings.domain, mechanism.pose, f"{where}: domain")
-        self.limits = mechanism.check_ranges(settings.limits, mechanism.joints, f"{where}: limits")
+        tool = TOOL if settings.tool is not None else ()
+        self.limits = mechanism.check_ranges(
+            settings.limits, (*mechanism.limited, *tool), f"{where}: limits"
+        )
+        if settings.cone_angle is not None and not mechanism.cones:
+            raise InputError(f"{where}: cone_angle: {mechanism.name} has no passive U or S joints")
         self.jacobian: JacobianKind = settings.jacobian or mechanism.default_jacobian
         if settings.characteristic_length is not None:
             self.jacobian = "homogenized"
         self.edges = np.array(settings.regions[1:-1], dtype=float)
+        checks = {
+            "clearance": settings.link_diameter,
+            "cone": settings.cone_angle,
+            "tool": settings.tool,
+        }
+        self._checks = tuple(name for name, given in checks.items() if given is not None)
         self._module = specialise(
-            mechanism.kernel,
-            len(mechanism.pose),
-            mechanism.constant_count,
-            len(mechanism.joints),
-            settings.norm,
+            Recipe(
+                mechanism.kernel,
+                mechanism.skeleton,
+                len(mechanism.pose),
+                mechanism.constant_count,
+                len(mechanism.joints),
+                settings.norm,
+                mechanism.segments,
+                mechanism.spokes,
+                len(mechanism.cones),
+                self._checks,
+            ),
             on_compile=None
             if notify is None
             else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds"),
@@ -143,7 +191,8 @@ class Sweeper:
     def design(self, parameters: Parameters) -> Design:
         """Return a design ready to be swept, its box cut to the domain."""
         mechanism = self.mechanism
-        lower, upper = mechanism.reach_box(parameters, self.limits)
+        limits = {**mechanism.default_limits(parameters), **self.limits}
+        lower, upper = mechanism.reach_box(parameters, limits)
         whole = np.stack([lower, upper], axis=1)
         domain = {**mechanism.default_domain(parameters), **self.domain}
         for i, coordinate in enumerate(mechanism.pose):
@@ -155,16 +204,62 @@ class Sweeper:
             width = np.zeros_like(width)
         length = 1.0
         if self.jacobian == "homogenized":
-            length = self.settings.characteristic_length or mechanism.characteristic_length(
-                parameters
+            given = self.settings.characteristic_length
+            length = (
+                float(given)
+                if isinstance(given, int | float)
+                else mechanism.characteristic_length(parameters)
             )
-        constants = mechanism.kernel_constants(parameters, self.working_mode, length, self.limits)
-        return Design(parameters, length, lower, width, cut, constants)
+
+        def ready(length: float) -> Design:
+            constants = mechanism.kernel_constants(parameters, self.working_mode, length, limits)
+            if self._checks:
+                constants = [*constants, *self._check_constants()]
+            return Design(parameters, length, limits, lower, width, cut, constants)
+
+        design = ready(length)
+        if self.settings.characteristic_length == "optimal" and design.box_volume > 0:
+            return ready(self._best_length(ready, length))
+        return design
+
+    def _check_constants(self) -> list[float]:
+        """Return what the margin's checks compare with; see pmopt.numerics.specialise."""
+        settings = self.settings
+        link = settings.link_diameter or 0.0
+        half_sum = (link + (settings.platform_diameter or link)) / 2
+        ends = [self.limits.get(c.name, (-math.inf, math.inf)) for c in TOOL]
+        return [
+            link**2, half_sum**2,
+            -2.0 if settings.cone_angle is None else math.cos(settings.cone_angle),
+            *(settings.tool or (0.0, 0.0, 0.0)),
+            *(low for low, _ in ends), *(high for _, high in ends),
+        ]  # fmt: skip
+
+    def _best_length(self, ready: Callable[[float], Design], about: float) -> float:
+        """Return the characteristic length with the largest GCI over a fixed sample.
+
+        The mean of the inverse condition number stands for the condition number, whose mean over
+        a workspace that reaches a singularity does not exist.
+        """
+        from scipy.optimize import minimize_scalar
+
+        points = sequences.make_sequence(
+            "r-sequence", len(self.mechanism.pose), 1, seed_sequence(self.seed, "length samples")
+        )
+
+        def loss(log_length: float) -> float:
+            tallies = self.tally([ready(math.exp(log_length))], points, 0, _LENGTH_POINTS)
+            return -float(tallies.total[0, 0]) / max(float(tallies.within[0, 0]), 1.0)
+
+        middle, half = math.log(about), math.log(_LENGTH_FACTOR)
+        found = minimize_scalar(loss, bounds=(middle - half, middle + half), method="bounded",
+                                options={"xatol": 1e-6})  # fmt: skip
+        return math.exp(float(found.x))
 
     def for_purpose(self, purpose: str) -> Sweeper:
         """Return a sweeper with the same settings and independent sample points."""
         other = copy.copy(self)
-        other._purpose = purpose
+        other.purpose = purpose
         return other
 
     def sequence(self, replicates: int) -> sequences.Sequence:
@@ -173,7 +268,7 @@ class Sweeper:
             self.settings.sampler,
             len(self.mechanism.pose),
             replicates,
-            seed_sequence(self.seed, self._purpose),
+            seed_sequence(self.seed, self.purpose),
         )
 
     def tally(
@@ -266,6 +361,38 @@ class Sweeper:
         for _ in ordered_map(evaluate, range(0, size, step), self.threads):
             pass
         return margin, lci
+
+    def probe(self, design: Design, poses: NDArray[np.float64]) -> Facts:
+        """Return what kernel and skeleton tell of given poses, shape (d, N)."""
+        mechanism = self.mechanism
+        n, segments, size = len(mechanism.joints), len(mechanism.segments), poses.shape[1]
+        facts = np.empty((1 + n**2 + PLACE + 6 * segments + len(mechanism.cones), size))
+        constants = np.array(design.constants)
+        step = CHUNK // 16
+
+        def evaluate(start: int) -> None:
+            part = slice(start, min(start + step, size))
+            found = np.empty((len(facts), part.stop - start))
+            self._module.probe(np.ascontiguousarray(poses[:, part]), constants, found)
+            facts[:, part] = found
+
+        for _ in ordered_map(evaluate, range(0, size, step), self.threads):
+            pass
+        place = 1 + n**2
+        position = facts[place : place + 3].T
+        rotation = facts[place + 3 : place + PLACE].T.reshape(size, 3, 3)
+        ends = facts[place + PLACE : place + PLACE + 6 * segments].T.reshape(size, segments, 2, 3)
+        tool = position + rotation @ np.array(self.settings.tool or (0.0, 0.0, 0.0))
+        entries = facts[1:place].T.reshape(size, n, n)
+        return Facts(facts[0], entries, position, tool, rotation, ends)
+
+    def points(
+        self, design: Design, points: sequences.Sequence, first: int, last: int
+    ) -> NDArray[np.float64]:
+        """Return the points ``first .. last - 1`` of the first replicate, shape (d, N)."""
+        poses = np.empty((len(design.width), last - first))
+        self._module.points(*points, first, last, design.lower, design.width, poses)
+        return poses
 
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:

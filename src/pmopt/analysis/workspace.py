@@ -7,10 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from pmopt.analysis.aspects import make_sweeper, require_home
 from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
+from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
 from pmopt.analysis.shape import DEFAULT_GRID, Shape, measure_shape
 from pmopt.analysis.sweeper import (
+    TOOL,
     Design,
     Notify,
     Sweeper,
@@ -21,7 +24,7 @@ from pmopt.analysis.sweeper import (
 from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
 from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
-from pmopt.units import ONE, unit_of
+from pmopt.units import ONE, measure_unit, unit_of
 
 #: Called with points done and points planned.
 Progress = Callable[[int, int], None]
@@ -29,6 +32,8 @@ Progress = Callable[[int, int], None]
 #: Spacings of the coarser grids that estimate a grid's error, relative to its own.
 _COARSER_GRIDS = (0.4, 0.5, 0.6, 0.7)
 _FIRST_ROUND = 1 << 18
+#: Samples of the home aspect or of a block: each costs some hundred times a compiled one.
+FIELD_SAMPLES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -70,12 +75,26 @@ class WorkspaceResult:
     reachable: int
     histogram: tuple[int, ...] = field(repr=False)
     shape: Shape | None
+    projection: Projection | None
     units: dict[str, str]
 
     @property
     def index_note(self) -> str:
         """What the index is of, and that it mixes units where it does."""
-        return index_note(self.jacobian, self.characteristic_length, self.length_unit)
+        note = index_note(
+            self.jacobian, self.characteristic_length, self.length_unit, self.units["J"]
+        )
+        return f"{self.settings.block} rows of the {note}" if self.settings.block else note
+
+    def _projected(self, name: str, unit: str) -> dict[str, Any] | None:
+        if self.projection is None:
+            return None
+        found: Estimate = getattr(self.projection, name)
+        return {
+            "value": number(found.value),
+            "unit": self.units[unit],
+            "standard_error": number(found.error),
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -100,6 +119,13 @@ class WorkspaceResult:
             "domain": {name: list(ends) for name, ends in self.box.items()},
             "limits": {name: [number(end) for end in ends] for name, ends in self.limits.items()},
             "min_lci": self.settings.min_lci,
+            "aspect": self.settings.aspect,
+            "block": self.settings.block,
+            "clearances": {
+                name: getattr(self.settings, name)
+                for name in ("link_diameter", "platform_diameter", "cone_angle")
+            },
+            "tool": None if self.settings.tool is None else list(self.settings.tool),
             "volume": {
                 "value": number(self.volume.value),
                 "unit": self.volume_unit,
@@ -133,6 +159,8 @@ class WorkspaceResult:
                 for r in self.regions
             ],
             "shape": self.shape.to_dict() if self.shape else None,
+            "projected_volume": self._projected("volume", "projected_volume"),
+            "footprint": self._projected("footprint", "footprint"),
             "samples": self.samples,
             "reachable": self.reachable,
             "units": self.units,
@@ -144,13 +172,15 @@ def number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def index_note(kind: JacobianKind, length: float | None, unit: str) -> str:
+def mixed_units(mechanism: Mechanism) -> str:
+    """Return the units of the raw Jacobian's entries in words."""
+    return " and ".join(dict.fromkeys(u for row in mechanism.entry_units for u in row))
+
+
+def index_note(kind: JacobianKind, length: float | None, unit: str, units: str) -> str:
     """Say what Jacobian an index is of."""
     if kind == "raw":
-        columns = f"{unit}/rad and {unit}/{unit}"
-        return (
-            f"raw Jacobian, columns in {columns}: it mixes units and depends on the unit of length"
-        )
+        return f"raw Jacobian, entries in {units}: it mixes units and depends on the unit of length"
     return f"homogenized Jacobian, characteristic length {length!r} {unit}"
 
 
@@ -177,7 +207,8 @@ def compute_workspace(
     threads : int, optional
         The result is the same for any number.
     shape_grid : int
-        Cells per axis on which pieces and voids are counted; 0 leaves the shape out.
+        Cells per axis on which pieces and voids are counted; 0 leaves the shape out, and the
+        volume of the positions reached with it.
     progress, notify : callable, optional
 
     Raises
@@ -188,14 +219,16 @@ def compute_workspace(
         When ``target_error`` is not reached within the largest number of samples.
     """
     settings = settings or WorkspaceSettings()
-    sweeper = Sweeper(mechanism, settings, seed, threads, notify)
+    sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
     design = sweeper.design(mechanism.resolve(params or {}))
+    require_home(sweeper, design)
     if settings.grid is not None:
         tallies, estimates = measure_on_grids(sweeper, design, settings.grid, progress)
     elif settings.target_error is not None:
         tallies, estimates = measure_to_target(sweeper, design, settings.target_error, progress)
     else:
-        replicates, count = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
+        default = FIELD_SAMPLES if settings.aspect or settings.block else DEFAULT_SAMPLES
+        replicates, count = split_samples(settings.samples or default, settings.replicates)
         points = sweeper.sequence(replicates)
         tallies = _accumulate(sweeper, design, points, 0, count, progress)
         estimates = from_replicates(tallies)
@@ -206,6 +239,7 @@ def compute_workspace(
         tallies,
         estimates,
         measure_shape(sweeper, design, shape_grid) if wants_shape else None,
+        measure_projection(sweeper, design) if shape_grid > 0 else None,
     )
 
 
@@ -293,7 +327,12 @@ def measure_on_grids(
 
 
 def _result(
-    sweeper: Sweeper, design: Design, tallies: Tallies, estimates: Estimates, shape: Shape | None
+    sweeper: Sweeper,
+    design: Design,
+    tallies: Tallies,
+    estimates: Estimates,
+    shape: Shape | None,
+    projection: Projection | None,
 ) -> WorkspaceResult:
     mechanism, settings = sweeper.mechanism, sweeper.settings
     edges = settings.regions
@@ -303,7 +342,16 @@ def _result(
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
     units |= {"volume": unit, "gci": ONE, "lci": ONE, "share": ONE, "min_lci": ONE}
+    units |= {c.name: mechanism.unit(c) for c in mechanism.passive}
     units["characteristic_length"] = unit_of("length", mechanism.length_unit)
+    units |= dict.fromkeys(
+        ("link_diameter", "platform_diameter", "tool", *(c.name for c in TOOL)),
+        mechanism.length_unit,
+    )
+    units["cone_angle"] = "rad"
+    units["projected_volume"] = measure_unit(["length"] * 3, mechanism.length_unit)
+    units["footprint"] = measure_unit(["length"] * 2, mechanism.length_unit)
+    units["J"] = mixed_units(mechanism)
     return WorkspaceResult(
         mechanism=mechanism.name,
         params=dict(design.parameters),
@@ -317,7 +365,7 @@ def _result(
         grid=settings.grid,
         replicates=tallies.reachable.shape[1],
         box=dict(zip(names, ends, strict=True)),
-        limits=sweeper.limits,
+        limits=dict(design.limits),
         settings=settings,
         volume=estimates.volume,
         volume_unit=unit,
@@ -339,5 +387,6 @@ def _result(
         reachable=estimates.reachable,
         histogram=tuple(tallies.histogram[0].sum(axis=0).tolist()),
         shape=shape,
+        projection=projection,
         units=units,
     )

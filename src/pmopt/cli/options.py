@@ -72,6 +72,22 @@ class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every 
         return int(number)
 
 
+class Length(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
+    """A number, or the word optimal."""
+
+    name = "length"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float | str:
+        if value == "optimal":
+            return "optimal"
+        try:
+            return float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither a number nor optimal", param, ctx)
+
+
 params_option = click.option(
     "--params", multiple=True, metavar="NAME=VALUE,..|@FILE.toml",
     help="Design parameters; repeatable. Those left out take their defaults.",
@@ -87,8 +103,9 @@ seed_option = click.option(
 jacobian_options = (
     click.option("--jacobian", "kind", type=click.Choice(["raw", "homogenized"]),
                  help="Jacobian the index is of. Default: the mechanism's own."),
-    click.option("--characteristic-length", type=float, metavar="X",
-                 help="Length that makes the Jacobian homogeneous. Default: the mechanism's own."),
+    click.option("--characteristic-length", type=Length(), metavar="X|optimal",
+                 help="Length that makes the Jacobian homogeneous. Default: the mechanism's own; "
+                 "optimal: the one with the best index."),
     click.option("--norm", type=click.Choice(["2", "fro"]), default="2", show_default=True,
                  help="Norm of the condition number: smallest over largest singular value, or "
                  "Frobenius."),
@@ -195,9 +212,9 @@ def parse_ranges(texts: Sequence[str], option: str) -> dict[str, tuple[float, fl
     return ranges
 
 
-def parse_edges(text: str) -> tuple[float, ...]:
-    """Return the edges of ``--regions``."""
-    return tuple(parse_number("--regions", "edge", part) for part in text.split(","))
+def parse_edges(text: str, option: str = "--regions") -> tuple[float, ...]:
+    """Return comma-separated numbers, the edges of ``--regions`` for one."""
+    return tuple(parse_number(option, "number", part) for part in text.split(","))
 
 
 def read_rows(

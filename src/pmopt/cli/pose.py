@@ -65,7 +65,7 @@ def ik_command(
     _one_of(pose, poses, "--pose, --poses")
     given = options.design_parameters(mechanism, params)
     ranges = options.parse_ranges(limits, "--limits")
-    mechanism.check_ranges(ranges, mechanism.joints, "--limits")
+    mechanism.check_ranges(ranges, mechanism.limited, "--limits")
     if working_mode != "all":
         mechanism.check_mode(working_mode, "--working-mode")
 
@@ -96,23 +96,32 @@ def ik_command(
 @click.option("--joints", multiple=True, metavar="NAME=VALUE,..", help="The joint positions.")
 @click.option("--joints-file", type=click.Path(path_type=Path), metavar="FILE.csv",
               help="Many joint positions.")  # fmt: skip
+@click.option(
+    "--near",
+    multiple=True,
+    metavar="NAME=VALUE,..",
+    help="A pose: only the assembly mode nearest to it.",
+)
 @options.params_option
 @options.common_options
 def fk_command(
-    mechanism: Mechanism, joints: tuple[str, ...], joints_file: Path | None,
+    mechanism: Mechanism, joints: tuple[str, ...], joints_file: Path | None, near: tuple[str, ...],
     params: tuple[str, ...], form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
-    """Forward kinematics: all poses the joint positions can be assembled in.
+    """Forward kinematics: the poses the joint positions can be assembled in, home first.
+
+    All real ones, in closed form or as far as Newton's method finds them from many starts.
 
     \b
     Example:
       pmopt fk 2pauu-ppap --joints theta1=0.4,theta2=0.1,d=0.2
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
+    goal = options.parse_coordinates(near, "--near") if near else None
     given = options.design_parameters(mechanism, params)
 
     def solve(values: dict[str, Any], where: str) -> ForwardResult:
-        return kinematics.forward_kinematics(mechanism, given, values, where)
+        return kinematics.forward_kinematics(mechanism, given, values, where, goal)
 
     if joints_file is None:
         result = solve(options.parse_coordinates(joints, "--joints"), "--joints")
@@ -142,7 +151,7 @@ def fk_command(
 @options.common_options
 def jacobian_command(
     mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
-    working_mode: str | None, kind: Any, characteristic_length: float | None, norm: str,
+    working_mode: str | None, kind: Any, characteristic_length: float | str | None, norm: str,
     form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Jacobian, singular values, LCI and the distance to singularities at a pose.

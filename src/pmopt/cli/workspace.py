@@ -56,6 +56,39 @@ from pmopt.mechanisms import Mechanism
 )
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
 @click.option(
+    "--aspect",
+    type=click.Choice(["home"]),
+    help="Count only the singularity-free region around the home pose.",
+)
+@click.option(
+    "--block",
+    type=click.Choice(["translational", "rotational"]),
+    help="Index of the Jacobian's rows for lengths or for angles alone.",
+)
+@click.option(
+    "--link-diameter",
+    type=float,
+    metavar="X",
+    help="Links are capsules of this diameter that must not meet.",
+)
+@click.option(
+    "--platform-diameter",
+    type=float,
+    metavar="X",
+    help="Of the platform's spokes and the tool; default: the links'.",
+)
+@click.option(
+    "--cone-angle",
+    type=float,
+    metavar="RAD",
+    help="Largest angle of passive U and S joints from their direction at home.",
+)
+@click.option(
+    "--tool",
+    metavar="X,Y,Z",
+    help="Tool point in the platform's frame; --limits may then bound tool_x, ..",
+)
+@click.option(
     "--shape-grid",
     type=click.IntRange(0, 1000),
     metavar="N",
@@ -68,10 +101,13 @@ from pmopt.mechanisms import Mechanism
 def workspace_command(
     mechanism: Mechanism, params: tuple[str, ...], samples: int | None, sampler: str | None,
     replicates: int | None, grid: int | None, target_error: float | None, seed: int,
-    working_mode: str | None, kind: str | None, characteristic_length: float | None, norm: str,
-    min_lci: float | None, regions: str | None, domain: tuple[str, ...], limits: tuple[str, ...],
-    shape_grid: int | None, threads: int | None, out: Path | None, force: bool, dry_run: bool,
-    form: str, quiet: bool, debug: bool,
+    working_mode: str | None, kind: str | None, characteristic_length: float | str | None,
+    norm: str, min_lci: float | None, regions: str | None, domain: tuple[str, ...],
+    limits: tuple[str, ...],
+    aspect: str | None, block: str | None, link_diameter: float | None,
+    platform_diameter: float | None,
+    cone_angle: float | None, tool: str | None, shape_grid: int | None, threads: int | None,
+    out: Path | None, force: bool, dry_run: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Volume, dexterity (LCI, GCI, regions) and shape of a workspace, each with its error.
 
@@ -99,6 +135,12 @@ def workspace_command(
         "regions": None if regions is None else options.parse_edges(regions),
         "domain": options.parse_ranges(domain, "--domain"),
         "limits": options.parse_ranges(limits, "--limits"),
+        "aspect": aspect,
+        "block": block,
+        "link_diameter": link_diameter,
+        "platform_diameter": platform_diameter,
+        "cone_angle": cone_angle,
+        "tool": None if tool is None else options.parse_edges(tool, "--tool"),
     }
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InputError, unknown_name
-from pmopt.units import Kind, LengthUnit, measure_unit, unit_of
+from pmopt.units import Kind, LengthUnit, ParameterKind, measure_unit, unit_of
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -26,6 +26,8 @@ JacobianKind = Literal["raw", "homogenized"]
 #: of lengths leave what doubles can tell apart. Coordinates may lie further out.
 SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e6
 LARGEST_COORDINATE = 1e9
+#: Stands for a limb's number where a segment belongs to the platform.
+PLATFORM = -1
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Parameter:
     ----------
     name : str
         The symbol of the literature.
-    kind : {"length", "angle"}
+    kind : {"length", "angle", "ratio"}
     default : float or None
         None for an optional parameter that is unset.
     bounds : tuple of float or None
@@ -48,7 +50,7 @@ class Parameter:
     """
 
     name: str
-    kind: Kind
+    kind: ParameterKind
     default: float | None
     bounds: tuple[float, float] | None
     positive: bool
@@ -62,11 +64,15 @@ class Parameter:
 
     def allowed(self) -> str:
         """Return the physical range in words."""
+        if self.kind == "angle":
+            return "a number from -pi to pi"
         text = f"a number from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g}"
         return text if self.positive else f"{text}, or 0"
 
     def accepts(self, value: float) -> bool:
         """Return whether the value is within the physical range."""
+        if self.kind == "angle":
+            return abs(value) <= math.pi
         return SMALLEST_LENGTH <= value <= LARGEST_LENGTH or (value == 0 and not self.positive)
 
 
@@ -88,13 +94,55 @@ class Limb:
     description: str
 
 
+JointKind = Literal["R", "P", "C", "U", "S", "Pa"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of a limb at one configuration, in the base frame.
+
+    Attributes
+    ----------
+    kind : {"R", "P", "C", "U", "S", "Pa"}
+        Revolute, prismatic, cylindrical, universal, spherical, planar parallelogram.
+    point : (3,) float64
+        A point of the axis; the centre of U and S; for Pa the middle of its base-side short bar.
+    axes : tuple of (3,) float64
+        Unit vectors. R, P, C: the axis; U: both, the one nearer to the base first; S: none;
+        Pa: the common direction of its four revolute axes.
+    bar : (3,) float64 or None
+        Pa only: the long bar, from its base side to its platform side.
+    drive : (str, int) or None
+        The actuated coordinate and which elementary freedom of the joint it is (C: 0 turns,
+        1 slides; U: 0 turns about the first axis, 1 about the second; R, P, Pa: 0).
+    """
+
+    kind: JointKind
+    point: Vector
+    axes: tuple[Vector, ...] = ()
+    bar: Vector | None = None
+    drive: tuple[str, int] | None = None
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A limb at one configuration: its joints from base to platform."""
+
+    name: str
+    joints: tuple[Joint, ...]
+
+
 @dataclass(frozen=True)
 class InverseSolution:
-    """One branch of the inverse kinematics: a working mode and its joint positions."""
+    """One branch of the inverse kinematics: a working mode and its joint positions.
+
+    ``passive`` are the positions of the passive joints that limits can be set on.
+    """
 
     working_mode: str
     joints: dict[str, float]
     parasitic: dict[str, float]
+    passive: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -135,15 +183,32 @@ class Mechanism(ABC):
     pose: ClassVar[tuple[Coordinate, ...]]
     joints: ClassVar[tuple[Coordinate, ...]]
     limbs: ClassVar[tuple[Limb, ...]]
+    #: Passive-joint quantities that limits can be set on.
+    passive: ClassVar[tuple[Coordinate, ...]] = ()
+    parasitic: ClassVar[tuple[Coordinate, ...]] = ()
+    #: Other readings of the limbs, for ``pmopt mobility``: name to description.
+    layouts: ClassVar[Mapping[str, str]] = {}
     working_modes: ClassVar[tuple[str, ...]]
     default_jacobian: ClassVar[JacobianKind]
     length_meaning: ClassVar[str]
 
     #: ``kernel(*pose, constants) -> (margin, *entries)``; see pmopt.numerics.specialise. The
     #: margin is >= 0 inside every limit and continuous outside; the entries, row by row, are any
-    #: common scalar multiple of the inverse Jacobian with its crank rows scaled by the weight.
+    #: common scalar multiple of the inverse of the Jacobian made homogeneous by the length.
     kernel: ClassVar[Callable[..., tuple[float, ...]]]
     constant_count: ClassVar[int]
+    #: ``skeleton(*pose, constants) -> flat tuple``: the platform's position (3) and rotation
+    #: (9, row by row), both ends of each segment of :attr:`segments` (6 each), and the cosine of
+    #: each cone angle of :attr:`cones`. What clearances, cone limits, tool and pictures need.
+    skeleton: ClassVar[Callable[..., tuple[float, ...]]]
+    #: Limb (from 0) of each segment of the skeleton; PLATFORM for the platform's own.
+    segments: ClassVar[tuple[int, ...]] = ()
+    #: For each platform segment, in order, the limb that is joined to its far end.
+    spokes: ClassVar[tuple[int, ...]] = ()
+    #: Coordinate of the base frame that is across the floor.
+    vertical: ClassVar[int] = 2
+    #: Names of the passive U and S joints whose cone angle the skeleton tells.
+    cones: ClassVar[tuple[str, ...]] = ()
 
     # -- declared geometry -------------------------------------------------------------
 
@@ -158,6 +223,33 @@ class Mechanism(ABC):
     @abstractmethod
     def default_domain(self, parameters: Parameters) -> Ranges:
         """Return the ranges a workspace is searched in unless others are given."""
+
+    @abstractmethod
+    def home(self, parameters: Parameters) -> dict[str, float]:
+        """Return the declared regular pose that working modes and aspects are told from."""
+
+    @abstractmethod
+    def platform(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Matrix, Vector]:
+        """Return the platform's rotation (3, 3) and the position (3,) of its centre at a pose.
+
+        The parasitic coordinates are included.
+        """
+
+    @abstractmethod
+    def layout(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Chain, ...]:
+        """Return every limb's joints at a reachable pose: what mobility and drawing read."""
+
+    def alternative_layout(self, parameters: Parameters, name: str) -> tuple[Chain, ...]:
+        """Return one of :attr:`layouts` at its home pose; for mobility only."""
+        raise unknown_name("layout", name, self.layouts)
+
+    def default_limits(self, parameters: Parameters) -> Ranges:
+        """Return the limits of actuated and passive joints that hold unless others are given."""
+        return {}
 
     # -- kinematics --------------------------------------------------------------------
 
@@ -175,7 +267,7 @@ class Mechanism(ABC):
     def forward(
         self, parameters: Parameters, joints: Mapping[str, float]
     ) -> tuple[ForwardSolution, ...]:
-        """Return all assembly modes; () where the mechanism can not be assembled."""
+        """Return the real assembly modes found; () where it can not be assembled."""
 
     @abstractmethod
     def velocity_maps(
@@ -184,26 +276,26 @@ class Mechanism(ABC):
         """Return J_X and J_q of J_X Xdot = J_q qdot."""
 
     @abstractmethod
-    def column_lengths(self, length: float) -> Vector:
-        """Return the factors that divide J's columns to make it homogeneous."""
-
-    @abstractmethod
     def singularity_measures(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
     ) -> dict[str, dict[str, float]]:
-        """Return normalised determinants, 0 at a singularity: ``inverse`` by limb, ``forward``."""
+        """Return normalised determinants, 0 at a singularity.
+
+        ``inverse`` by limb, ``forward`` and, where the limbs' constraints alone can become
+        dependent, ``constraint``.
+        """
 
     @abstractmethod
     def velocity_map_units(self) -> dict[str, str]:
         """Return the units of J_X and J_q in words."""
 
-    @abstractmethod
     def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
         """Return whether a pose keeps the limits that are design parameters."""
+        return True
 
-    @abstractmethod
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
         """Say why the mechanism can not be assembled with these joint positions."""
+        return "no real solution of the constraints was found"
 
     # -- the hot path ------------------------------------------------------------------
 
@@ -218,9 +310,32 @@ class Mechanism(ABC):
 
     # -- shared by all mechanisms --------------------------------------------------------
 
+    def homogenizing(self, length: float) -> tuple[Vector, Vector]:
+        """Return the factors of J's rows and the divisors of its columns that leave no unit.
+
+        Rates of angular pose coordinates are multiplied by the length, columns of angular joints
+        divided by it: every entry then is a speed of a point over a speed of a point.
+        """
+        rows = np.array([length if c.kind == "angle" else 1.0 for c in self.pose])
+        columns = np.array([length if c.kind == "angle" else 1.0 for c in self.joints])
+        return rows, columns
+
+    @property
+    def limited(self) -> tuple[Coordinate, ...]:
+        """Coordinates that limits can be set on: actuated joints, then passive ones."""
+        return (*self.joints, *self.passive)
+
     def unit(self, coordinate: Coordinate | Parameter) -> str:
         """Return the unit of a coordinate or parameter."""
         return unit_of(coordinate.kind, self.length_unit)
+
+    @property
+    def entry_units(self) -> tuple[tuple[str, ...], ...]:
+        """Unit of each entry of the raw Jacobian, row by row."""
+        return tuple(
+            tuple(f"{self.unit(row)}/{self.unit(column)}" for column in self.joints)
+            for row in self.pose
+        )
 
     @property
     def volume_unit(self) -> str:

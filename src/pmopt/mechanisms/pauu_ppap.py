@@ -23,9 +23,12 @@ import numpy as np
 
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import (
+    PLATFORM,
+    Chain,
     Coordinate,
     ForwardSolution,
     InverseSolution,
+    Joint,
     Limb,
     Matrix,
     Mechanism,
@@ -49,35 +52,36 @@ TINY = 1e-300
 _PAPER = "paper, section 5.1 (default) and 6.2 (bounds)"
 
 
+def pauu_crank(
+    a: float, b: float, y: float, l1: float, excess: float, sign: float
+) -> tuple[float, float, float, float]:
+    """Return A^2 + B^2 - C^2, its signed root, l1 cos t and l1 sin t of a limb.
+
+    With S = sqrt(A^2 + B^2 - C^2) the root is (-A C - s B S, -B C + s A S) / (A^2 + B^2).
+    """
+    r = a * a + b * b
+    c = r + y * y + excess
+    square = 4.0 * l1 * l1 * r - c * c
+    root = sign * math.sqrt(square if square > 0.0 else 0.0)
+    half = 0.5 / (r + TINY)
+    return square, root, -(a * c + b * root) * half, (a * root - b * c) * half
+
+
 def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
     """Return the margin and det(J_q) J^-1 at a pose, branch-free and without trigonometry.
 
     The margin is the least of the limbs' (A^2 + B^2 - C^2) and of the joints' limits; >= 0 is
-    within. With S = sqrt(A^2 + B^2 - C^2) the root is (-A C - s B S, -B C + s A S) / (A^2 + B^2)
-    and u.e = s S / 2, so that q2 u1, q1 u2, q1 q2 e_y stay finite where q_i = u_i.e_i is 0.
+    within. u.e = s S / 2, so that q2 u1, q1 u2, q1 q2 e_y stay finite where q_i = u_i.e_i is 0.
     """
     (
         span, height, l1, excess, s1, s2, weight, top,
-        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high,
+        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high, _, _, _, _, _,
     ) = constants  # fmt: skip
     a1 = span - x
     a2 = span + x
     b = z - height
-    r1 = a1 * a1 + b * b
-    r2 = a2 * a2 + b * b
-    c1 = r1 + y * y + excess
-    c2 = r2 + y * y + excess
-    square1 = 4.0 * l1 * l1 * r1 - c1 * c1
-    square2 = 4.0 * l1 * l1 * r2 - c2 * c2
-    root1 = s1 * math.sqrt(square1 if square1 > 0.0 else 0.0)
-    root2 = s2 * math.sqrt(square2 if square2 > 0.0 else 0.0)
-    half1 = 0.5 / (r1 + TINY)
-    half2 = 0.5 / (r2 + TINY)
-    # l1 cos t and l1 sin t
-    p1 = -(a1 * c1 + b * root1) * half1
-    p2 = -(a2 * c2 + b * root2) * half2
-    v1 = (a1 * root1 - b * c1) * half1
-    v2 = (a2 * root2 - b * c2) * half2
+    square1, root1, p1, v1 = pauu_crank(a1, b, y, l1, excess, s1)
+    square2, root2, p2, v2 = pauu_crank(a2, b, y, l1, excess, s2)
 
     margin = square1 if square1 < square2 else square2
     slack = top - z
@@ -100,6 +104,39 @@ def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
         -(a1 + p1) * g1, y * g1, (b + v1) * g1,
         (a2 + p2) * g2, y * g2, (b + v2) * g2,
         0.0, q1 * q2, 0.0,
+    )  # fmt: skip
+
+
+def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
+    """Return the platform, cranks, links and platform radii, and the cosines of the U joints.
+
+    Limb 3 keeps the platform level and has no declared shape: it has no segments.
+    """
+    (
+        span, height, l1, excess, s1, s2, _, _, _, _, _, _, _, _, _, _,
+        radius, ref1_x, ref1_z, ref2_x, ref2_z,
+    ) = constants  # fmt: skip
+    m = span + radius
+    b = z - height
+    _, _, p1, v1 = pauu_crank(span - x, b, y, l1, excess, s1)
+    _, _, p2, v2 = pauu_crank(span + x, b, y, l1, excess, s2)
+    c1_x = m + p1
+    c1_z = height - v1
+    c2_x = -m - p2
+    c2_z = height - v2
+    d1_x = x + radius
+    d2_x = x - radius
+    cone1 = (d1_x - c1_x) * ref1_x + (z - c1_z) * ref1_z
+    cone2 = (d2_x - c2_x) * ref2_x + (z - c2_z) * ref2_z
+    return (
+        x, y, z, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0,
+        m, 0.0, height, c1_x, 0.0, c1_z,
+        c1_x, 0.0, c1_z, d1_x, y, z,
+        -m, 0.0, height, c2_x, 0.0, c2_z,
+        c2_x, 0.0, c2_z, d2_x, y, z,
+        x, y, z, d1_x, y, z,
+        x, y, z, d2_x, y, z,
+        cone1, cone1, cone2, cone2,
     )  # fmt: skip
 
 
@@ -149,7 +186,12 @@ class PauuPpap(Mechanism):
     )
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
-    constant_count = 16
+    constant_count = 21
+    skeleton = staticmethod(skeleton)
+    segments = (0, 0, 1, 1, PLATFORM, PLATFORM)
+    spokes = (0, 1)
+    #: Neither the cranks' bars nor the platform turn: both U joints of a link swing alike.
+    cones = ("U_C1", "U_D1", "U_C2", "U_D2")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return l1."""
@@ -179,6 +221,72 @@ class PauuPpap(Mechanism):
     def default_domain(self, parameters: Parameters) -> Ranges:
         """Return z >= 2c: the half above the crank pivots, the paper's half-torus."""
         return {"z": (2 * _lengths(parameters)[4], math.inf)}
+
+    def home(self, parameters: Parameters) -> dict[str, float]:
+        """Return the middle of what is reached on the z axis above the crank pivots.
+
+        Below them, mirrored, where h leaves nothing above.
+        """
+        m, n, l1, l2, c = _lengths(parameters)
+        shift = m - n
+        low, high = (
+            math.sqrt(max(r**2 - shift**2, 0.0)) for r in (max(abs(l1 - l2), abs(shift)), l1 + l2)
+        )
+        top = parameters.get("h")
+        room = high if top is None else min(high, top - 2 * c)
+        if room <= low:
+            low, room = -high, min(-low, room)
+        return {"x": 0.0, "y": 0.0, "z": 2 * c + (low + room) / 2}
+
+    def platform(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Matrix, Vector]:
+        """Return no rotation and (x, y, z)."""
+        return np.eye(3), np.array([pose["x"], pose["y"], pose["z"]])
+
+    def layout(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Chain, ...]:
+        """Return the joints; the paper gives no axes, these are ours.
+
+        Limb 3's parallelogram has long bars of l1 + l2, so that it spans every height the crank
+        limbs reach and is parallel to its slider along x nowhere within.
+        """
+        m, n, l1, l2, c = _lengths(parameters)
+        mode = self.check_mode(working_mode)
+        joints = next(s.joints for s in self.inverse(parameters, pose) if s.working_mode == mode)
+        x_axis, y_axis = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+        end = np.array([pose["x"], pose["y"], pose["z"]])
+        chains = []
+        for i, (side, link) in enumerate(
+            zip((1.0, -1.0), self._links(parameters, pose, joints), strict=True)
+        ):
+            outer = end + np.array([side * n, 0.0, 0.0])
+            pivot = np.array([side * m, 0.0, 2 * c])
+            across = np.cross(y_axis, link)
+            size = float(np.linalg.norm(across))
+            # A link along y, on the boundary of the reach, is crossed by every axis in xz.
+            across = across / size if size > ON_SURFACE * l2 else x_axis
+            chains.append(
+                Chain(
+                    self.limbs[i].name,
+                    (
+                        Joint("Pa", pivot, (side * y_axis,), outer - link - pivot,
+                              (self.joints[i].name, 0)),
+                        Joint("U", outer - link, (y_axis, across)),
+                        Joint("U", outer, (across, y_axis)),
+                    ),
+                )
+            )  # fmt: skip
+        rise = (pose["z"] - 2 * c) / (l1 + l2)
+        bar = (l1 + l2) * np.array([math.sqrt(max(1 - rise**2, 0.0)), 0.0, rise])
+        foot = np.array([0.0, pose["y"], 2 * c])
+        guide = (
+            Joint("P", foot, (y_axis,), drive=(self.joints[2].name, 0)),
+            Joint("Pa", foot, (-y_axis,), bar),
+            Joint("P", end, (x_axis,)),
+        )
+        return (*chains, Chain(self.limbs[2].name, guide))
 
     def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
         """Return how far the end point lies inside the torus each crank limb sweeps.
@@ -265,10 +373,6 @@ class PauuPpap(Mechanism):
         e2 = np.array([l1 * math.sin(t2), 0.0, -l1 * math.cos(t2)])
         return np.array([u1, u2, [0.0, 1.0, 0.0]]), np.diag([u1 @ e1, u2 @ e2, 1.0])
 
-    def column_lengths(self, length: float) -> Vector:
-        """Return (length, length, 1): the crank columns are m/rad, the slider's m/m."""
-        return np.array([length, length, 1.0])
-
     def singularity_measures(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
     ) -> dict[str, dict[str, float]]:
@@ -321,7 +425,18 @@ class PauuPpap(Mechanism):
         return [
             m - n, 2 * c, l1, l1**2 - l2**2, s1, s2, length, math.inf if top is None else top,
             *arcs, *limits.get("d", (-math.inf, math.inf)),
+            n, *self._references(parameters, working_mode),
         ]  # fmt: skip
+
+    def _references(self, parameters: Parameters, mode: str) -> list[float]:
+        """Return x and z of both links at home (y is 0 there), divided by l2^2."""
+        home = self.home(parameters)
+        for solution in self.inverse(parameters, home):
+            if solution.working_mode == mode:
+                links = self._links(parameters, home, solution.joints)
+                l2 = _lengths(parameters)[3]
+                return [float(u[k]) / l2**2 for u in links for k in (0, 2)]
+        return [0.0] * 4  # nothing is reachable
 
     def _links(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]

@@ -31,9 +31,23 @@ def margin_of(pose, i, constants):
     raise NotImplementedError
 
 
-def lci_of(pose, i, constants):
-    """Stub: the local conditioning index of pose ``i``, from kernel and conditioning."""
+def index_block(pose, count, constants, work, lci):
+    """Stub: write the local conditioning indices of ``count`` poses of a block.
+
+    ``work`` (WORK, BLOCK) is scratch space.
+    """
     raise NotImplementedError
+
+
+def facts_of(pose, i, constants):
+    """Stub: what ``probe`` writes of pose ``i`` of a block, as a tuple."""
+    raise NotImplementedError
+
+
+#: Stub: rows of scratch space that the conditioning needs.
+WORK = 0
+#: Stub: length of the tuple of ``facts_of``.
+FACTS = 0
 
 
 def unpack(constants):
@@ -140,6 +154,7 @@ def sweep(
     pose = np.empty((dimension, BLOCK))
     margin = np.empty(BLOCK)
     lci = np.empty(BLOCK)
+    work = np.empty((WORK, BLOCK))
     for design in range(constants.shape[0]):
         k = unpack(constants[design])
         for replicate in range(start.shape[0]):
@@ -172,8 +187,7 @@ def sweep(
                         if margin[i] > best:
                             best = margin[i]
                     continue
-                for i in range(kept):
-                    lci[i] = lci_of(pose, i, k)
+                index_block(pose, kept, k, work, lci)
                 within += kept
                 if min_lci > 0.0:
                     for i in range(kept):
@@ -224,7 +238,30 @@ def field(poses, constants, margin, lci):
     The index is evaluated outside the limits too, where it continues the inside (0 out of reach).
     """
     k = unpack(constants)
+    work = np.empty((WORK, BLOCK))
     for i in range(poses.shape[1]):
         margin[i] = margin_of(poses, i, k)
+    for first in range(0, poses.shape[1], BLOCK):
+        count = min(BLOCK, poses.shape[1] - first)
+        index_block(poses[:, first : first + count], count, k, work, lci[first : first + count])
+
+
+def points(kind, step, start, high, low, cells, first, last, lower, width, poses):
+    """Write the points ``first .. last - 1`` of the first replicate into ``poses`` (d, N)."""
+    pose = np.empty((poses.shape[0], BLOCK))
+    for block in range(first, last, BLOCK):
+        count = min(BLOCK, last - block)
+        fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
+        poses[:, block - first : block - first + count] = pose[:, :count]
+
+
+def probe(poses, constants, facts):
+    """Write what the kernel and the skeleton tell of given poses, ``facts`` (FACTS, N).
+
+    Rows: margin, entries of the inverse Jacobian, skeleton.
+    """
+    k = unpack(constants)
     for i in range(poses.shape[1]):
-        lci[i] = lci_of(poses, i, k)
+        found = facts_of(poses, i, k)
+        for f in range(FACTS):
+            facts[f, i] = found[f]

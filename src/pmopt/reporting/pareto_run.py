@@ -117,7 +117,7 @@ def run_pareto(
         if folder is not None:
             folder.write("evaluations.csv", to_csv(tables["evaluations"]))
         raise
-    front = measure_front(problem, optimisation.candidates, on_measured)
+    front = measure_front(problem, optimisation.candidates, optimisation.reference, on_measured)
     if not front.designs:
         raise InfeasibleError(
             "no feasible design: none of the search's front keeps the constraints when measured "

@@ -15,13 +15,19 @@ def starting_config(mechanism: Mechanism) -> str:
             parameters.append(f"# {p.name} = ...  # {note}")
         else:
             parameters.append(f"{p.name} = [{p.bounds[0]}, {p.bounds[1]}]  # {note}")
-    coordinate, joint = mechanism.pose[-1], mechanism.joints[0]
+    units = {c.name: mechanism.unit(c) for c in mechanism.limited}
+    limits = [
+        f"# {name} = [{low:.6g}, {high:.6g}]  # {units[name]}; the default"
+        for name, (low, high) in mechanism.default_limits(mechanism.resolve({})).items()
+    ] or [f"# {mechanism.joints[0].name} = [-1.5, 1.5]  # {mechanism.unit(mechanism.joints[0])}"]
+    coordinate = mechanism.pose[-1]
     return f"""\
 # Pareto front of {mechanism.title}. Run it with: pmopt pareto THIS-FILE
 # What is commented out shows a default or an example.
 
 mechanism = "{mechanism.name}"
-objectives = ["volume", "gci"]  # both are maximised
+# Maximised: volume, gci (mean LCI), projected_volume (positions reached); minimised: footprint.
+objectives = ["volume", "gci"]
 
 [parameters]  # a range is a variable, a number is fixed, absent = the mechanism's own bounds
 {chr(10).join(parameters)}
@@ -32,15 +38,18 @@ samples = 20_000  # of each design during the search; or grid = 40, or target_er
 # working_mode = "{mechanism.working_modes[0]}"  # of {", ".join(mechanism.working_modes)}
 # norm = "2"  # or "fro"
 # jacobian = "{mechanism.default_jacobian}"  # or "{_other(mechanism)}"
-# characteristic_length = 1.0  # {unit}; default: {mechanism.length_meaning}
+# characteristic_length = 1.0  # {unit}, or "optimal"; default: {mechanism.length_meaning}
+# aspect = "home"  # count only the singularity-free region around the home pose
+# link_diameter = 0.01  # {unit}: links are capsules that must not meet
+# cone_angle = 0.8  # rad: largest angle of passive U and S joints from their direction at home
 # min_lci = 0.0  # poses with a smaller index do not count
 # regions = [0.0, 0.1, 0.3, 1.0]  # edges of the dexterity regions
 
 [workspace.domain]  # bounds on pose coordinates
 # {coordinate.name} = [0.5, 1.5]  # {mechanism.unit(coordinate)}
 
-[workspace.limits]  # bounds on joints
-# {joint.name} = [-1.5, 1.5]  # {mechanism.unit(joint)}
+[workspace.limits]  # bounds on joints, passive ones too
+{chr(10).join(limits)}
 
 [algorithm]
 name = "nsga2"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.mechanisms import Mechanism
     from pmopt.reporting.pareto_run import ParetoRun
+    from pmopt.synthesis.front import Front
 
 
 def mechanisms_table(mechanisms: Sequence[Mechanism]) -> Table:
@@ -24,6 +26,8 @@ def mechanisms_table(mechanisms: Sequence[Mechanism]) -> Table:
 def mechanism_document(m: Mechanism) -> dict[str, Any]:
     """Return all a mechanism declares, as JSON has it."""
     limits = [f"{p.name}: {p.meaning}" for p in m.parameters if p.optional]
+    limits += _default_limits(m)
+    parameters = m.resolve({})
     return {
         "mechanism": m.name,
         "title": m.title,
@@ -47,12 +51,32 @@ def mechanism_document(m: Mechanism) -> dict[str, Any]:
             for p in m.parameters
         ],
         "pose": [{"name": c.name, "unit": m.unit(c), "meaning": c.meaning} for c in m.pose],
-        "joints": [{"name": c.name, "unit": m.unit(c), "meaning": c.meaning} for c in m.joints],
+        **{
+            key: [{"name": c.name, "unit": m.unit(c), "meaning": c.meaning} for c in group]
+            for key, group in (
+                ("joints", m.joints),
+                ("passive", m.passive),
+                ("parasitic", m.parasitic),
+            )
+        },
+        "home": m.home(parameters),
+        "domain": {
+            k: [v if math.isfinite(v) else None for v in ends]
+            for k, ends in m.default_domain(parameters).items()
+        },
+        "layouts": dict(m.layouts),
         "working_modes": list(m.working_modes),
         "limits": limits,
         "jacobian": m.default_jacobian,
         "characteristic_length": m.length_meaning,
     }
+
+
+def _default_limits(m: Mechanism) -> list[str]:
+    """Return the limits that hold unless others are given, in words, for the default design."""
+    units = {c.name: m.unit(c) for c in m.limited}
+    limits = m.default_limits(m.resolve({}))
+    return [f"{k}: {low:.6g} .. {high:.6g} {units[k]}" for k, (low, high) in limits.items()]
 
 
 def mechanism_tables(m: Mechanism) -> list[Table]:
@@ -71,13 +95,21 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
     names = ("name", "unit", "default", "bounds", "meaning", "source")
     coordinates = tuple(
         (kind, c.name, m.unit(c), c.meaning)
-        for kind, group in (("pose", m.pose), ("actuated joint", m.joints))
+        for kind, group in (
+            ("pose", m.pose),
+            ("parasitic", m.parasitic),
+            ("actuated joint", m.joints),
+            ("passive joint", m.passive),
+        )
         for c in group
     )
     modes = f"working modes: {', '.join(m.working_modes)} (first one is the default)"
+    defaults = m.resolve({})
+    home = ", ".join(f"{c.name} = {m.home(defaults)[c.name]:.6g} {m.unit(c)}" for c in m.pose)
+    limits = "; ".join(_default_limits(m)) or "none on joints unless given"
     return [
         Table(f"{m.title}: {m.description}", names, parameters, {},
-              (f"source: {m.source}", "limits: none on joints unless given")),
+              (f"source: {m.source}", f"limits: {limits}", f"home: {home}")),
         Table("Coordinates", ("kind", "name", "unit", "meaning"), coordinates, {}),
         Table("Limbs", ("limb", "joints", "description"),
               tuple((x.name, x.joints, x.description) for x in m.limbs), {},
@@ -88,16 +120,24 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
 def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
     """Return branches, a row each; of ``many`` poses each is numbered and repeated."""
     first = results[0]
-    joints = [c for c in first.units if c not in first.pose]
+    shown = first.solutions[0] if first.solutions else None
+    joints = list(shown.joints) if shown else [c for c in first.units if c not in first.pose]
+    extra = list(shown.parasitic) if shown else []
     poses = list(first.pose) if many else []
-    columns = (*(["row"] if poses else []), *poses, "working_mode", *joints, "within_limits")
+    columns = (*(["row"] if poses else []), *poses, "working_mode", *joints, *extra,
+               "within_limits")  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
         head = [number, *result.pose.values()] if poses else []
         branches: list[list[Cell]] = [
-            [s.working_mode, *(s.joints[j] for j in joints), inside]
+            [
+                s.working_mode,
+                *(s.joints[j] for j in joints),
+                *(s.parasitic[c] for c in extra),
+                inside,
+            ]
             for s, inside in zip(result.solutions, result.within_limits, strict=True)
-        ] or [[None] * (len(joints) + 2)]
+        ] or [[None] * (len(joints) + len(extra) + 2)]
         rows += [(*head, *branch) for branch in branches]
     pose = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.pose.items())
     title = f"{first.mechanism}, {len(results)} poses" if poses else f"{first.mechanism}, {pose}"
@@ -114,7 +154,8 @@ def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table
     for number, result in enumerate(results, start=1):
         head = [number, *result.joints.values()] if joints else []
         modes: list[list[Cell]] = [
-            [*(s.pose[c] for c in poses), s.residual] for s in result.solutions
+            [*({**s.pose, **s.parasitic}.get(c) for c in poses), s.residual]
+            for s in result.solutions
         ] or [[None] * (len(poses) + 1)]
         rows += [(*head, *mode) for mode in modes]
     given = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.joints.items())
@@ -130,12 +171,16 @@ def jacobian_tables(result: JacobianResult) -> list[Table]:
         (f"lci ({result.kind}, {result.norm}-norm)", result.lci, "1"),
         ("lci_raw", result.lci_raw, "1"),
         ("lci_homogenized", result.lci_homogenized, "1"),
+        *((f"lci_{name}", value, "1") for name, value in (
+            ("translational", result.lci_translational), ("rotational", result.lci_rotational),
+        ) if value is not None),
         ("characteristic_length", result.characteristic_length, unit),
         *((f"singular value {i}", float(v), "mixed" if "mixed" in result.units["singular_values"]
            else "1") for i, v in enumerate(() if values is None else values, start=1)),
         *((f"distance to type 1, {k}", v, unit) for k, v in result.inverse_distance.items()),
         *((f"determinant type 1, {k}", v, "1") for k, v in result.inverse_measure.items()),
         *((f"determinant type 2, {k}", v, "1") for k, v in result.forward_measure.items()),
+        *((f"determinant constraint, {k}", v, "1") for k, v in result.constraint_measure.items()),
     ]  # fmt: skip
     singular = f"singular: {'; '.join(result.singular)}" if result.singular else "not singular"
     note = str(result.to_dict()["index_note"])
@@ -167,6 +212,11 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
         name = f"{region.lower:g} <= lci < {region.upper:g}"
         entries.append((f"volume, {name}", region.volume, unit))
         entries.append((f"share, {name}", region.share, ONE))
+    if result.projection:
+        entries.append(
+            ("projected volume", result.projection.volume, result.units["projected_volume"])
+        )
+        entries.append(("footprint", result.projection.footprint, result.units["footprint"]))
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (name, e.value if e.value == e.value else None, e.error if e.error == e.error else None, u)
         for name, e, u in entries
@@ -202,6 +252,15 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     return tables
 
 
+def _point(front: Front) -> str:
+    """Return the reference point of the hypervolume in words."""
+    names = front.designs[0].objectives
+    return ", ".join(
+        f"{name} {value:.4g}" + ("" if front.units[name] == ONE else f" {front.units[name]}")
+        for name, value in zip(names, front.reference, strict=True)
+    )
+
+
 def pareto_tables(run: ParetoRun) -> list[Table]:
     """Return the ends and the knee of the front."""
     from pmopt.synthesis.front import describe_idle
@@ -221,7 +280,7 @@ def pareto_tables(run: ParetoRun) -> list[Table]:
     )  # fmt: skip
     notes = [
         f"{len(front.designs)} designs, hypervolume {front.hypervolume:.6g} "
-        f"{front.units['hypervolume']} from volume 0, gci 0"
+        f"{front.units['hypervolume']} from {_point(front)}"
     ]
     target = run.target_error
     rough = sum(d.errors[k] > target * d.objectives[k] for d in front.designs for k in objectives)

@@ -8,12 +8,15 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings
+from pmopt.analysis.sweeper import TOOL
 from pmopt.analysis.validation import read_toml, validated
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.base import as_number
 
-Objective = Literal["volume", "gci"]
+Objective = Literal["volume", "gci", "projected_volume", "footprint"]
+#: +1 for what is maximised, -1 for what is minimised.
+SENSES: dict[str, int] = {"volume": 1, "gci": 1, "projected_volume": 1, "footprint": -1}
 #: Samples of each design during the search; the final front is measured more finely.
 SEARCH_SAMPLES = 20_000
 
@@ -74,7 +77,8 @@ class RunConfig(BaseModel):
     def _consistent(self) -> RunConfig:
         if len(self.objectives) < 2 or len(set(self.objectives)) < len(self.objectives):
             raise ValueError(
-                f"objectives {list(self.objectives)} must be two different ones of volume, gci"
+                f"objectives {list(self.objectives)} must be at least two different ones of "
+                f"{', '.join(SENSES)}"
             )
         return self
 
@@ -103,7 +107,10 @@ def resolve_config(data: Any, where: str) -> RunConfig:
     workspace = config.workspace
     mechanism.check_mode(workspace.working_mode, f"{where}: workspace.working_mode")
     mechanism.check_ranges(workspace.domain, mechanism.pose, f"{where}: workspace.domain")
-    mechanism.check_ranges(workspace.limits, mechanism.joints, f"{where}: workspace.limits")
+    tool = TOOL if workspace.tool is not None else ()
+    mechanism.check_ranges(
+        workspace.limits, (*mechanism.limited, *tool), f"{where}: workspace.limits"
+    )
     if workspace.samples is None and workspace.grid is None and workspace.target_error is None:
         workspace = workspace.model_copy(update={"samples": SEARCH_SAMPLES})
     workspace = workspace.model_copy(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pmopt.analysis.estimates import Estimates
 from pmopt.analysis.workspace import number
 from pmopt.seeds import seed_sequence
-from pmopt.synthesis.optimise import REFERENCE, hypervolume
+from pmopt.synthesis.optimise import hypervolume
 from pmopt.synthesis.problem import DesignProblem
 
 #: Idle directions: random designs, most corners of the bounds, step of the differences as a share
@@ -58,6 +58,10 @@ class Front:
     dropped : int
         Designs that the search offered and the finer measurement found dominated or infeasible.
     hypervolume : float
+        From the reference point.
+    reference : tuple of float
+    senses : tuple of int
+        +1 for objectives to maximise, -1 for those to minimise.
     idle : tuple of dict
         Directions of the design space along which no objective changes: parameter to
         coefficient. ``{"c": 1.0}`` is a parameter without influence, ``{"m": 1.0, "n": 1.0}``
@@ -68,6 +72,8 @@ class Front:
     designs: tuple[FrontDesign, ...]
     dropped: int
     hypervolume: float
+    reference: tuple[float, ...]
+    senses: tuple[int, ...]
     idle: tuple[dict[str, float], ...]
     units: dict[str, str]
 
@@ -76,6 +82,7 @@ class Front:
         """The design farthest from the line between the ends, objectives scaled to the front."""
         names = list(self.designs[0].objectives)
         values = np.array([[d.objectives[k] for k in names] for d in self.designs])
+        values *= self.senses
         span = np.ptp(values, axis=0)
         if len(self.designs) < 3 or not np.all(span > 0):
             return self.designs[len(self.designs) // 2]
@@ -88,7 +95,7 @@ class Front:
             "designs": len(self.designs),
             "dropped": self.dropped,
             "hypervolume": number(self.hypervolume),
-            "reference_point": dict.fromkeys(names, REFERENCE),
+            "reference_point": dict(zip(names, self.reference, strict=True)),
             "knee": self.knee.to_dict(),
             "ends": [self.designs[0].to_dict(), self.designs[-1].to_dict()],
             "idle_directions": list(self.idle),
@@ -99,6 +106,7 @@ class Front:
 def measure_front(
     problem: DesignProblem,
     variables: NDArray[np.float64],
+    reference: tuple[float, ...],
     progress: Callable[[int, int], None] | None = None,
 ) -> Front:
     """Measure the designs of a front to the final target error and keep the non-dominated.
@@ -107,6 +115,8 @@ def measure_front(
     ----------
     problem : DesignProblem
     variables : (N, v) float64
+    reference : tuple of float
+        Point the hypervolume is measured from.
     progress : callable, optional
     """
     import moocore
@@ -117,8 +127,7 @@ def measure_front(
         if progress:
             progress(count, len(variables))
     rows = []
-    for row, found in measured:
-        by_name = {"volume": found.volume, "gci": found.gci}
+    for row, (found, by_name) in measured:
         slack = {
             key: sign * (by_name[name].value - bound)
             for key, (name, sign, bound) in problem.bounds.items()
@@ -127,7 +136,7 @@ def measure_front(
             rows.append((row, found, by_name, slack))
     values = np.array([[r[2][k].value for k in problem.objectives] for r in rows])
     if len(rows):
-        kept = np.flatnonzero(moocore.is_nondominated(values, maximise=True))
+        kept = np.flatnonzero(moocore.is_nondominated(values * problem.senses, maximise=True))
         order = kept[np.lexsort(values[kept].T[::-1])]
     else:
         order = np.array([], dtype=int)
@@ -145,7 +154,9 @@ def measure_front(
     return Front(
         designs=designs,
         dropped=len(variables) - len(designs),
-        hypervolume=hypervolume(values[order]) if len(designs) else 0.0,
+        hypervolume=hypervolume(values[order], problem.senses, reference) if len(designs) else 0.0,
+        reference=reference,
+        senses=tuple(problem.senses.tolist()),
         idle=idle_directions(problem, variables),
         units=problem.units,
     )

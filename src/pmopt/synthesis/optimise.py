@@ -31,7 +31,7 @@ class Generation:
     hypervolume : float
         Of the current front against the reference point.
     best : tuple of float
-        Largest value of each objective on the front, NaN where it is empty.
+        Best value of each objective on the front, NaN where it is empty.
     evaluated : Evaluations
         Of this generation.
     recorded : bool
@@ -48,17 +48,29 @@ class Generation:
     recorded: bool
 
 
-#: Objectives that nothing falls below: hypervolume is measured from there.
-REFERENCE = 0.0
+def hypervolume(
+    values: NDArray[np.float64], senses: NDArray[np.int64], reference: tuple[float, ...]
+) -> float:
+    """Return the hypervolume of designs (N, k) from the reference point.
 
-
-def hypervolume(values: NDArray[np.float64]) -> float:
-    """Return the hypervolume of designs (N, k), objectives maximised, from the reference point."""
+    Parameters
+    ----------
+    values : (N, k) float64
+    senses : (k,) int
+        +1 for objectives to maximise, -1 for those to minimise.
+    reference : tuple of float
+    """
     import moocore
 
-    if len(values) == 0:
+    better = (values - reference) * senses
+    better = better[(better > 0).all(axis=1)]
+    if len(better) == 0:
         return 0.0
-    return float(moocore.hypervolume(values, ref=[REFERENCE] * values.shape[1], maximise=True))
+    return float(moocore.hypervolume(better, ref=[0.0] * values.shape[1], maximise=True))
+
+
+#: Stands for an objective of a design without a workspace, which the constraints keep behind.
+_NONE = 0.0
 
 
 class Optimisation:
@@ -75,6 +87,24 @@ class Optimisation:
     def __init__(self, problem: DesignProblem) -> None:
         self.problem = problem
         self._parts: list[Evaluations] = []
+        self._reference: tuple[float, ...] | None = None
+
+    @property
+    def reference(self) -> tuple[float, ...]:
+        """Point the hypervolume is measured from.
+
+        It is 0 for what is maximised, which nothing falls below, and for what is minimised the
+        largest value among the first feasible designs.
+        """
+        if self._reference is None:
+            return tuple(np.where(self.problem.senses > 0, 0.0, np.nan).tolist())
+        return self._reference
+
+    def _refer(self, evaluated: Evaluations) -> None:
+        """Fix the reference point as soon as there is a feasible design."""
+        if self._reference is None and evaluated.feasible.any():
+            worst = evaluated.values[evaluated.feasible].max(axis=0)
+            self._reference = tuple(np.where(self.problem.senses > 0, 0.0, worst).tolist())
 
     def generations(self, recorded: list[Evaluations] | None = None) -> Iterator[Generation]:
         """Run, yielding after each generation; recorded ones are told without evaluation.
@@ -128,16 +158,20 @@ class Optimisation:
                 )
             # Without a workspace there is no GCI; the constraint keeps such designs behind all
             # feasible ones whatever stands here.
-            objectives = -np.nan_to_num(evaluated.values, nan=REFERENCE)
+            self._refer(evaluated)
+            objectives = -np.nan_to_num(evaluated.values * problem.senses, nan=_NONE)
             Evaluator().eval(StaticProblem(stated, F=objectives, G=-evaluated.slack), asked)
             algorithm.tell(infills=asked)
             self._parts.append(evaluated)
             evaluations += len(evaluated)
             feasible += int(evaluated.feasible.sum())
             front = self._survivors(algorithm.pop)
-            best = front.max(axis=0) if len(front) else np.full(front.shape[1], np.nan)
+            best = np.full(front.shape[1], np.nan)
+            if len(front):
+                best = (front * problem.senses).max(axis=0) * problem.senses
             yield Generation(
-                number, evaluations, feasible, len(front), hypervolume(front),
+                number, evaluations, feasible, len(front),
+                hypervolume(front, problem.senses, self.reference),
                 tuple(best.tolist()), evaluated, told is not None,
             )  # fmt: skip
 
@@ -150,7 +184,7 @@ class Optimisation:
         if len(rows):
             rows = rows[moocore.is_nondominated(objectives[rows])]
         self._front_variables = np.asarray(variables[rows], dtype=float)
-        return -np.asarray(objectives[rows], dtype=float)
+        return np.asarray(-objectives[rows] * self.problem.senses, dtype=float)
 
     @property
     def front_variables(self) -> NDArray[np.float64]:
@@ -173,11 +207,15 @@ class Optimisation:
 
         safe = evaluated.feasible
         for key, (name, _, _) in problem.bounds.items():
+            if name not in problem.objectives:
+                continue  # its error is not recorded
             slack = evaluated.slack[:, problem.constraints.index(key)]
             safe = safe & (slack >= 2 * evaluated.errors[:, problem.objectives.index(name)])
         rows = np.flatnonzero(safe)
         if len(rows):
-            rows = rows[moocore.is_nondominated(evaluated.values[rows], maximise=True)]
+            rows = rows[moocore.is_nondominated(
+                evaluated.values[rows] * problem.senses, maximise=True
+            )]  # fmt: skip
         joined = np.concatenate([self.front_variables, evaluated.variables[rows]])
         return np.asarray(np.unique(joined, axis=0))
 

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.estimates import Estimates, PopulationEstimates, of_population
+from pmopt.analysis.aspects import make_sweeper
+from pmopt.analysis.estimates import Estimate, Estimates, PopulationEstimates, of_population
+from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import split_samples
-from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
+from pmopt.analysis.sweeper import Design, Notify, Tallies
 from pmopt.analysis.workspace import measure_on_grids, measure_to_target
 from pmopt.mechanisms import find
-from pmopt.synthesis.config import RunConfig
-from pmopt.units import ONE
+from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
+from pmopt.threads import ordered_map
+from pmopt.units import ONE, measure_unit
 
 #: The constraint every problem has: something must be reachable.
 REACHABLE = "reachable"
 #: Most samples of a design when the front is measured: about a second.
 FINAL_SAMPLES = 1 << 26
+#: Samples behind the measures in space when the front is measured.
+FINAL_PROJECTION = 1 << 21
+#: Objectives in space: the field of a projection that holds each.
+_PROJECTED = {"projected_volume": "volume", "footprint": "footprint"}
 #: Added where a smallest LCI is set: some reachable pose must have it.
 MIN_LCI = "min_lci"
 
@@ -70,7 +78,7 @@ class Evaluations:
 class DesignProblem:
     """Evaluates designs of a configuration; every design sees the same sample points.
 
-    Both objectives, volume and GCI, are maximised.
+    Objectives are maximised, the footprint is minimised; see :attr:`senses`.
 
     Parameters
     ----------
@@ -85,7 +93,7 @@ class DesignProblem:
     ) -> None:
         self.config = config
         self.mechanism = find(config.mechanism)
-        self.sweeper = Sweeper(
+        self.sweeper = make_sweeper(
             self.mechanism, config.workspace, config.algorithm.seed, threads, notify
         )
         self._final = self.sweeper.for_purpose("front samples")
@@ -95,6 +103,9 @@ class DesignProblem:
         self.upper = np.array([high for _, high in ranges.values()])
         self.fixed = {k: v for k, v in config.parameters.items() if not isinstance(v, tuple)}
         self.objectives = list(config.objectives)
+        #: +1 for objectives to maximise, -1 for those to minimise.
+        self.senses = np.array([SENSES[name] for name in self.objectives])
+        self._projects = bool({*config.objectives, *config.constraints} & set(_PROJECTED))
         #: (objective, +1 for a lower and -1 for an upper bound, bound) by constraint name.
         self.bounds = {
             f"{name}_{side}": (name, sign, bound)
@@ -116,11 +127,19 @@ class DesignProblem:
         """Unit by column name."""
         unit = self.mechanism.volume_unit
         units = {p.name: self.mechanism.unit(p) for p in self.mechanism.parameters}
-        for name, one in (("volume", unit), ("gci", ONE)):
+        length = self.mechanism.length_unit
+        measures = {
+            "volume": unit,
+            "gci": ONE,
+            "projected_volume": measure_unit(["length"] * 3, length),
+            "footprint": measure_unit(["length"] * 2, length),
+        }
+        for name, one in measures.items():
             suffixes = ("", "_error", "_best", "_min", "_max")
             units |= {f"{name}{suffix}": one for suffix in suffixes}
         units |= dict.fromkeys((REACHABLE, MIN_LCI, "share", "share_error", "lower", "upper"), ONE)
-        return units | {"hypervolume": unit}
+        parts = [measures[name] for name in self.objectives if measures[name] != ONE]
+        return units | {"hypervolume": " ".join(parts) or ONE}
 
     def parameters(self, row: NDArray[np.float64]) -> dict[str, float | None]:
         """Return a design's complete parameters, in the mechanism's order."""
@@ -145,6 +164,9 @@ class DesignProblem:
             "volume": (found.volume, found.volume_error),
             "gci": (found.gci, found.gci_error),
         }
+        if self._projects:
+            for name, pairs in self._projected(designs).items():
+                by_name[name] = (pairs[:, 0], pairs[:, 1])
         # A quantity that does not exist breaks its bounds.
         bounds = [
             np.nan_to_num(sign * (by_name[name][0] - bound), nan=-1.0)
@@ -176,6 +198,23 @@ class DesignProblem:
         columns = [np.concatenate(parts) for parts in zip(*slack, strict=True)]
         return PopulationEstimates(volume, volume_error, gci, gci_error), columns
 
+    def _projected(self, designs: list[Design]) -> dict[str, NDArray[np.float64]]:
+        """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
+        alone = copy.copy(self.sweeper)
+        alone.threads = 1
+        samples = self.config.workspace.samples or SEARCH_SAMPLES
+        found = list(
+            ordered_map(
+                lambda design: measure_projection(alone, design, samples),
+                designs,
+                self.sweeper.threads,
+            )
+        )
+        return {
+            name: np.array([getattr(p, field) for p in found], dtype=float)
+            for name, field in _PROJECTED.items()
+        }
+
     def _existence(self, tallies: Tallies) -> list[NDArray[np.float64]]:
         """Return the slack of the constraints that there is a workspace: 0, or what is missed.
 
@@ -193,11 +232,23 @@ class DesignProblem:
             slack.append(np.where(enough, 0.0, np.minimum(largest - least, -1e-300)))
         return slack
 
-    def measure(self, row: NDArray[np.float64]) -> Estimates:
+    def measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
         """Measure one design to the final target error, with a bounded number of samples.
 
         The sample points are not those of the search, which has chosen the designs they flatter.
         A workspace that fills little of its box may end with a larger error, which it states.
+
+        Returns
+        -------
+        estimates : Estimates
+        by_name : dict
+            What objectives and constraints may be, by name.
         """
         target = self.config.final.target_error
-        return measure_to_target(self._final, self.design(row), target, most=FINAL_SAMPLES)[1]
+        design = self.design(row)
+        found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
+        by_name = {"volume": found.volume, "gci": found.gci}
+        if self._projects:
+            space: Projection = measure_projection(self._final, design, FINAL_PROJECTION)
+            by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
+        return found, by_name

@@ -1,0 +1,490 @@
+"""Where a workspace is singular: how near it comes, along which families, into which aspects.
+
+Inverse singularities (type I, Gosselin and Angeles 1990) lose a freedom at the end of a limb's
+reach, forward ones (type II) gain one that the actuated joints do not hold, constraint ones gain
+one that the limbs' constraints do not hold.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from pmopt.analysis.aspects import AspectMap, determinants, map_aspects
+from pmopt.analysis.estimates import Estimate
+from pmopt.analysis.kinematics import homogenize, of_limb
+from pmopt.analysis.projection import replicate
+from pmopt.analysis.settings import WorkspaceSettings, split_samples
+from pmopt.analysis.sweeper import Design, Notify, Sweeper
+from pmopt.errors import InfeasibleError
+from pmopt.mechanisms.base import InverseSolution, Mechanism, Parameters, Vector
+from pmopt.seeds import seed_sequence
+from pmopt.units import ONE
+
+DEFAULT_SAMPLES = 1 << 18
+#: Aspects of less than this share of the workspace are specks of the grid.
+_SPECK = 1e-3
+#: Reachable poses at which each limb's measures are evaluated one by one.
+_PROBES = 400
+#: A slice of the workspace is singular if no pose of it has a larger index.
+_SINGULAR = 1e-7
+_SLICE_POSES = 96
+#: Steps of the scan along a coordinate, and how near zero a measure is at a limb's end of reach,
+#: where it falls with the root of the distance.
+_STEPS = 720
+_ENDS = 1e-4
+
+#: How far a scan goes beyond the box of what can be reached, as a share of its width.
+_BEYOND = 0.02
+
+KINDS = {"inverse": "inverse (type I)", "forward": "forward (type II)", "constraint": "constraint"}
+
+
+@dataclass(frozen=True)
+class Nearness:
+    """How near the sampled workspace comes to one kind of singularity of one limb.
+
+    ``smallest`` is the least absolute value of the normalised determinant met, 0 where it is
+    crossed; ``negative`` the share of poses where it is negative.
+    """
+
+    kind: str
+    part: str
+    smallest: float
+    negative: float
+    crossed: bool
+
+
+@dataclass(frozen=True)
+class Family:
+    """A slice of the workspace that is singular throughout.
+
+    ``fixed`` are the coordinates that define it, ``free`` those that may have any value in reach.
+    """
+
+    kind: str
+    fixed: dict[str, float]
+    free: tuple[str, ...]
+    largest_lci: float
+    poses: int
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Where a straight line from the home pose along one coordinate first ends or is singular."""
+
+    coordinate: str
+    direction: int
+    value: float
+    what: str
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Aspect:
+    """A connected region without forward or constraint singularities."""
+
+    sign: int
+    volume: Estimate
+    share: Estimate
+    home: bool
+
+
+@dataclass(frozen=True)
+class SingularityResult:
+    """What :func:`find_singularities` found."""
+
+    mechanism: str
+    params: dict[str, float | None]
+    working_mode: str
+    home: dict[str, float]
+    home_lci: float
+    jacobian: str
+    characteristic_length: float | None
+    smallest_lci: float
+    smallest_singular_value: float
+    nearness: tuple[Nearness, ...]
+    families: tuple[Family, ...]
+    walls: tuple[Wall, ...]
+    aspects: tuple[Aspect, ...]
+    specks: int
+    confirmed: bool
+    grid: int
+    samples: int
+    reachable: int
+    seed: int
+    volume_unit: str
+    units: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "mechanism": self.mechanism,
+            "params": self.params,
+            "working_mode": self.working_mode,
+            "home": {"pose": self.home, "lci": self.home_lci},
+            "jacobian": self.jacobian,
+            "characteristic_length": self.characteristic_length,
+            "nearest": {
+                "smallest_lci": self.smallest_lci,
+                "smallest_singular_value": self.smallest_singular_value,
+                "measures": [asdict(n) for n in self.nearness],
+            },
+            "families": [{**asdict(f), "free": list(f.free)} for f in self.families],
+            "walls": [asdict(w) for w in self.walls],
+            "aspects": [
+                {
+                    "sign": a.sign,
+                    "volume": a.volume.value,
+                    "volume_standard_error": a.volume.error,
+                    "share": a.share.value,
+                    "share_standard_error": a.share.error,
+                    "home": a.home,
+                }
+                for a in self.aspects
+            ],
+            "specks": self.specks,
+            "confirmed": self.confirmed,
+            "grid": self.grid,
+            "samples": self.samples,
+            "reachable": self.reachable,
+            "seed": self.seed,
+            "units": self.units,
+        }
+
+
+def find_singularities(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None = None,
+    settings: WorkspaceSettings | None = None,
+    *,
+    seed: int = 1,
+    threads: int | None = None,
+    grid: int | None = None,
+    notify: Notify | None = None,
+) -> SingularityResult:
+    """Map the singularities of one design over its workspace.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    settings : WorkspaceSettings, optional
+        ``samples`` are the poses behind the volumes of aspects.
+    seed : int
+    threads : int, optional
+        The result is the same for any number.
+    grid : int, optional
+        Cells along each axis on which aspects are told apart.
+    notify : callable, optional
+
+    Raises
+    ------
+    InfeasibleError
+        When nothing is reachable.
+    """
+    settings = settings or WorkspaceSettings()
+    sweeper = Sweeper(mechanism, settings, seed, threads, notify)
+    design = sweeper.design(mechanism.resolve(params or {}))
+    if design.box_volume == 0:
+        raise InfeasibleError("singularities: nothing is reachable")
+    found = map_aspects(sweeper, design, grid)
+    coarse = map_aspects(sweeper, design, max(4, round(found.cells * 2 / 3)))
+    replicates, count = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
+    points = sweeper.sequence(replicates)
+    labels = np.zeros((replicates, len(found.counts) + 1))
+    reached, smallest, some = np.zeros(replicates), math.inf, []
+    for r in range(replicates):
+        poses = sweeper.points(design, replicate(points, r), 0, count)
+        margin, lci = sweeper.field(design, poses)
+        kept = (margin >= 0) & (lci >= settings.min_lci)
+        poses = poses[:, kept]
+        reached[r] = poses.shape[1]
+        some.append(poses[:, : -(-_PROBES // replicates)])
+        if poses.shape[1]:
+            smallest = min(smallest, float(lci[kept].min()))
+            members = found.of(poses, determinants(sweeper, design, poses))
+            labels[r] = np.bincount(members, minlength=labels.shape[1])
+    if not reached.any():
+        raise InfeasibleError("singularities: nothing is reachable")
+    home = mechanism.home(design.parameters)
+    here = np.array([list(home.values())]).T
+    margin, lci = sweeper.field(design, here)
+    inside = bool(margin[0] >= 0)
+    own = int(found.of(here, determinants(sweeper, design, here))[0]) if inside else 0
+    columns = np.concatenate(some, axis=1).T.tolist()
+    probes = [dict(zip(home, column, strict=True)) for column in columns]
+    nearness, least = _nearness(sweeper, design, probes)
+    aspects, specks = _aspects(design, found, labels, reached, count, own)
+    units = {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
+    units |= {c.name: mechanism.unit(c) for c in (*mechanism.passive, *mechanism.parasitic)}
+    units |= {p.name: mechanism.unit(p) for p in mechanism.parameters}
+    units |= {"volume": mechanism.volume_unit, "share": ONE, "lci": ONE, "smallest": ONE}
+    units |= {"characteristic_length": mechanism.length_unit, "smallest_singular_value": ONE}
+    return SingularityResult(
+        mechanism=mechanism.name,
+        params=dict(design.parameters),
+        working_mode=sweeper.working_mode,
+        home=home,
+        home_lci=float(lci[0]) if inside else 0.0,
+        jacobian=sweeper.jacobian,
+        characteristic_length=design.length if sweeper.jacobian == "homogenized" else None,
+        smallest_lci=smallest,
+        smallest_singular_value=least,
+        nearness=nearness,
+        families=_families(sweeper, design),
+        walls=_walls(sweeper, design, home) if inside else (),
+        aspects=aspects,
+        specks=specks,
+        confirmed=_large(found) == _large(coarse),
+        grid=found.cells,
+        samples=replicates * count,
+        reachable=int(reached.sum()),
+        seed=seed,
+        volume_unit=mechanism.volume_unit,
+        units=units,
+    )
+
+
+def _large(found: AspectMap) -> int:
+    """Return the number of aspects that are no specks."""
+    return sum(c >= _SPECK * sum(found.counts) for c in found.counts)
+
+
+def _aspects(
+    design: Design,
+    found: AspectMap,
+    labels: np.ndarray[Any, np.dtype[np.float64]],
+    reached: Vector,
+    count: int,
+    own: int,
+) -> tuple[tuple[Aspect, ...], int]:
+    """Return the aspects with their volumes, and how many are specks."""
+    replicates = len(reached)
+    aspects = []
+    for number in range(1, _large(found) + 1):
+        hits = labels[:, number]
+        volumes = design.box_volume * hits / count
+        share = hits.sum() / reached.sum()
+        # Linearised error of a ratio of sums over replicates.
+        residual = (hits - share * reached) / reached.mean()
+        scale = math.sqrt(replicates * (replicates - 1))
+        aspects.append(
+            Aspect(
+                found.signs[number - 1],
+                Estimate(
+                    float(volumes.mean()),
+                    max(float(np.sqrt(((volumes - volumes.mean()) ** 2).sum())) / scale,
+                        design.box_volume / (count * replicates)),
+                ),
+                Estimate(float(share), float(np.sqrt((residual**2).sum())) / scale),
+                number == own,
+            )
+        )  # fmt: skip
+    return tuple(aspects), len(found.counts) - len(aspects)
+
+
+def _solution(
+    sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]
+) -> InverseSolution | None:
+    """Return the working mode's branch at a pose, None out of reach."""
+    branches = sweeper.mechanism.inverse(parameters, pose)
+    return next((s for s in branches if s.working_mode == sweeper.working_mode), None)
+
+
+def _measures(
+    sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]
+) -> dict[tuple[str, str], float] | None:
+    """Return every normalised determinant at a pose by kind and part."""
+    branch = _solution(sweeper, parameters, pose)
+    if branch is None:
+        return None
+    found = sweeper.mechanism.singularity_measures(parameters, pose, branch.joints)
+    return {(kind, part): value for kind, parts in found.items() for part, value in parts.items()}
+
+
+def _nearness(
+    sweeper: Sweeper, design: Design, probes: list[dict[str, float]]
+) -> tuple[tuple[Nearness, ...], float]:
+    """Return the least of each measure over some poses, and the least singular value."""
+    mechanism, parameters = sweeper.mechanism, design.parameters
+    rows = []
+    least = math.inf
+    for pose in probes:
+        branch = _solution(sweeper, parameters, pose)
+        if branch is None:
+            continue
+        found = mechanism.singularity_measures(parameters, pose, branch.joints)
+        rows.append({(k, part): v for k, parts in found.items() for part, v in parts.items()})
+        j_x, j_q = mechanism.velocity_maps(parameters, pose, branch.joints)
+        if abs(np.linalg.det(j_x)) > 0:
+            jacobian = np.asarray(np.linalg.solve(j_x, j_q))
+            scaled = homogenize(mechanism, jacobian, mechanism.characteristic_length(parameters))
+            least = min(least, float(np.linalg.svd(scaled, compute_uv=False)[-1]))
+        else:
+            least = 0.0
+    result = []
+    for kind, part in rows[0] if rows else ():
+        values = np.array([row[kind, part] for row in rows])
+        crossed = bool(values.min() < 0 < values.max())
+        result.append(
+            Nearness(kind, part, 0.0 if crossed else float(np.abs(values).min()),
+                     float((values < 0).mean()), crossed)
+        )  # fmt: skip
+    return tuple(result), least
+
+
+def _families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:
+    """Find slices, a few coordinates fixed at special values, that are singular throughout.
+
+    Special are 0 and, for angles, quarter turns. A slice that holds a smaller set of fixed
+    coordinates already found is no news.
+    """
+    mechanism = sweeper.mechanism
+    names = [c.name for c in mechanism.pose]
+    dimension = len(names)
+    rng = np.random.Generator(np.random.PCG64(seed_sequence(sweeper.seed, "singular slices")))
+    special: list[list[float]] = []
+    for k, c in enumerate(mechanism.pose):
+        some = (0.0, math.pi / 2, -math.pi / 2) if c.kind == "angle" else (0.0,)
+        low, high = design.lower[k], design.lower[k] + design.width[k]
+        special.append([v for v in some if low - 1e-12 <= v <= high + 1e-12])
+    found: list[Family] = []
+    for size in range(1, dimension):
+        for chosen in itertools.combinations(range(dimension), size):
+            for values in itertools.product(*(special[k] for k in chosen)):
+                fixed = {names[k]: v for k, v in zip(chosen, values, strict=True)}
+                if any(f.fixed.items() <= fixed.items() for f in found):
+                    continue
+                u = rng.uniform(0.001, 0.999, (dimension, 64 * _SLICE_POSES))
+                poses = design.lower[:, None] + design.width[:, None] * u
+                for k, v in zip(chosen, values, strict=True):
+                    poses[k] = v
+                margin, lci = sweeper.field(design, poses)
+                inside = np.flatnonzero(margin > 0)[:_SLICE_POSES]
+                if len(inside) < _SLICE_POSES // 4 or lci[inside].max() > _SINGULAR:
+                    continue
+                pose = dict(zip(names, poses[:, inside[0]].tolist(), strict=True))
+                found.append(
+                    Family(
+                        _kind_at(sweeper, design.parameters, pose),
+                        fixed,
+                        tuple(n for n in names if n not in fixed),
+                        float(lci[inside].max()),
+                        len(inside),
+                    )
+                )
+    return tuple(found)
+
+
+def _kind_at(sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]) -> str:
+    """Return the kind of the measure that is smallest at a singular pose."""
+    measures = _measures(sweeper, parameters, pose)
+    if not measures:
+        return "inverse"
+    return min(measures, key=lambda key: abs(measures[key]))[0]
+
+
+def _walls(sweeper: Sweeper, design: Design, home: Mapping[str, float]) -> tuple[Wall, ...]:
+    """Follow every coordinate from home, both ways, to the first singularity or end of reach."""
+    walls = []
+    for k, coordinate in enumerate(sweeper.mechanism.pose):
+        low, high = design.lower[k], design.lower[k] + design.width[k]
+        for direction, end in ((-1, low), (1, high)):
+            if (end - home[coordinate.name]) * direction <= 0:
+                continue
+            if not design.cut[k, (direction + 1) // 2]:
+                end += direction * _BEYOND * (high - low)  # reach ends by itself: go and see
+            walls.append(_wall(sweeper, design, home, k, direction, float(end)))
+    return tuple(walls)
+
+
+def _wall(
+    sweeper: Sweeper, design: Design, home: Mapping[str, float], k: int, direction: int, end: float
+) -> Wall:
+    names = list(home)
+    start = home[names[k]]
+
+    def at(value: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return np.array([[value if i == k else home[n]] for i, n in enumerate(names)])
+
+    line = np.linspace(start, end, _STEPS)
+    poses = np.repeat(at(start), _STEPS, axis=1)
+    poses[k] = line
+    margin, _ = sweeper.field(design, poses)
+    dets = determinants(sweeper, design, poses)
+    out = np.flatnonzero(margin < 0)
+    flips = np.flatnonzero(np.sign(dets[1:]) != np.sign(dets[0])) + 1
+    last = int(out[0]) if len(out) else _STEPS
+    if len(flips) and flips[0] < last:
+        first = int(flips[0])
+        value = _bisect(
+            lambda v: float(determinants(sweeper, design, at(v))[0]) * np.sign(dets[0]) > 0,
+            float(line[first - 1]), float(line[first]),
+        )  # fmt: skip
+        pose = {n: (value if n == names[k] else v) for n, v in home.items()}
+        kind = _kind_at(sweeper, design.parameters, pose)
+        return Wall(names[k], direction, value, KINDS.get(kind, kind),
+                    _values(sweeper, design, pose))  # fmt: skip
+    if last == _STEPS:
+        return Wall(names[k], direction, end, "end of the domain", {})
+    value = _bisect(
+        lambda v: float(sweeper.field(design, at(v))[0][0]) >= 0,
+        float(line[last - 1]), float(line[last]),
+    )  # fmt: skip
+    pose = {n: (value if n == names[k] else v) for n, v in home.items()}
+    return Wall(names[k], direction, value, _end_of_reach(sweeper, design, pose),
+                _values(sweeper, design, pose))  # fmt: skip
+
+
+def _bisect(holds: Any, inside: float, outside: float) -> float:
+    """Return where a condition ceases to hold, from the side where it does."""
+    for _ in range(60):
+        middle = (inside + outside) / 2
+        if holds(middle):
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def _values(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -> dict[str, float]:
+    """Return joints, parasitic and passive coordinates at a pose."""
+    branch = _solution(sweeper, design.parameters, pose)
+    if branch is None:
+        return {}
+    return {**branch.joints, **branch.parasitic, **branch.passive}
+
+
+def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -> str:
+    """Say what ends the reach at a pose on its boundary: a limit, or a limb's own reach."""
+    mechanism = sweeper.mechanism
+    values = _values(sweeper, design, pose)
+    nearest: tuple[float, str] | None = None
+    for c in mechanism.limited:
+        for name, value in values.items():
+            if c.name in design.limits and of_limb(c.name, name):
+                low, high = design.limits[c.name]
+                gap = min(abs(value - low), abs(value - high))
+                if math.isfinite(gap) and (nearest is None or gap < nearest[0]):
+                    nearest = gap, f"limit of {name}, {value:.4g} {mechanism.unit(c)}"
+    size = mechanism.characteristic_length(design.parameters)
+    if nearest is not None and nearest[0] <= 1e-6 * max(size, 1.0):
+        return nearest[1]
+    measures = _measures(sweeper, design.parameters, pose)
+    if measures:
+        small = {key: abs(v) for key, v in measures.items() if key[0] == "inverse"}
+        part = min(small, key=lambda key: small[key])
+        if small[part] <= _ENDS:
+            return f"{KINDS['inverse']}, {part[1]}"
+    return (
+        "a limit of clearance, cone or design"
+        if sweeper.settings.link_diameter or (sweeper.settings.cone_angle or sweeper.settings.tool)
+        else "end of reach"
+    )

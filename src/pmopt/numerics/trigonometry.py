@@ -1,0 +1,52 @@
+"""Trigonometry as branch-free scalar code that LLVM vectorises; kernel functions, see sweep.
+
+The polynomials are the minimax ones of fdlibm (Sun Microsystems, k_sin.c and k_cos.c).
+"""
+
+import numpy as np
+
+TWO_OVER_PI = 0.6366197723675814
+# pi / 2 in two parts: k * HALF_PI_1 is exact for |k| < 2**20.
+HALF_PI_1 = 1.57079632673412561417e00
+HALF_PI_2 = 6.07710050650619224932e-11
+S1 = -1.66666666666666324348e-01
+S2 = 8.33333333332248946124e-03
+S3 = -1.98412698298579493134e-04
+S4 = 2.75573137070700676789e-06
+S5 = -2.50507602534068634195e-08
+S6 = 1.58969099521155010221e-10
+K1 = 4.16666666666666019037e-02
+K2 = -1.38888888888741095749e-03
+K3 = 2.48015872894767294178e-05
+K4 = -2.75573143513906633035e-07
+K5 = 2.08757232129817482790e-09
+K6 = -1.13596475577881948265e-11
+
+
+def sin_cos(angle):
+    """Return sine and cosine, correct to 1e-15 for angles of at most a few turns."""
+    turns = np.floor(angle * TWO_OVER_PI + 0.5)
+    r = (angle - turns * HALF_PI_1) - turns * HALF_PI_2
+    z = r * r
+    s = r + r * z * (S1 + z * (S2 + z * (S3 + z * (S4 + z * (S5 + z * S6)))))
+    c = 1.0 - 0.5 * z + z * z * (K1 + z * (K2 + z * (K3 + z * (K4 + z * (K5 + z * K6)))))
+    quadrant = turns - 4.0 * np.floor(0.25 * turns)
+    odd = quadrant == 1.0 or quadrant == 3.0
+    sine = c if odd else s
+    cosine = s if odd else c
+    return (
+        -sine if quadrant > 1.5 else sine,
+        -cosine if quadrant == 1.0 or quadrant == 2.0 else cosine,
+    )
+
+
+def roll_pitch_yaw(about_z, about_y, about_x):
+    """Return Rz(about_z) Ry(about_y) Rx(about_x), row by row."""
+    sz, cz = sin_cos(about_z)
+    sy, cy = sin_cos(about_y)
+    sx, cx = sin_cos(about_x)
+    return (
+        cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx,
+        sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx,
+        -sy, cy * sx, cy * cx,
+    )  # fmt: skip

@@ -15,12 +15,33 @@ from typing import TYPE_CHECKING, Any
 from pmopt.version import __version__
 
 if TYPE_CHECKING:
-    from pmopt.api import fk, ik, jacobian, mechanism, mechanism_names, pareto, workspace
+    from pmopt.api import (
+        fk,
+        ik,
+        jacobian,
+        mechanism,
+        mechanism_names,
+        mobility,
+        pareto,
+        singularities,
+        workspace,
+    )
     from pmopt.errors import PmoptError
 
 _PLACES = {
     **dict.fromkeys(
-        ("fk", "ik", "jacobian", "mechanism", "mechanism_names", "pareto", "workspace"), "pmopt.api"
+        (
+            "fk",
+            "ik",
+            "jacobian",
+            "mechanism",
+            "mechanism_names",
+            "mobility",
+            "pareto",
+            "singularities",
+            "workspace",
+        ),
+        "pmopt.api",
     ),
     "PmoptError": "pmopt.errors",
 }
@@ -33,7 +54,9 @@ __all__ = [
     "jacobian",
     "mechanism",
     "mechanism_names",
+    "mobility",
     "pareto",
+    "singularities",
     "workspace",
 ]
 

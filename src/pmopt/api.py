@@ -18,6 +18,8 @@ from pmopt.analysis.validation import validated
 from pmopt.mechanisms import Mechanism, find, names
 
 if TYPE_CHECKING:
+    from pmopt.analysis.mobility import MobilityResult
+    from pmopt.analysis.singularities import SingularityResult
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.reporting.pareto_run import ParetoRun
 
@@ -94,6 +96,23 @@ def jacobian(
     return jacobian_at(find(mechanism), params, pose, working_mode, **options)
 
 
+def mobility(mechanism: str, params: Params | None = None, **options: Any) -> MobilityResult:
+    """Analyse the mobility from the declared joints.
+
+    Parameters
+    ----------
+    mechanism : str
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    **options
+        ``layout``, ``pose``, ``working_mode``, ``samples`` and ``seed`` of
+        :func:`pmopt.analysis.mobility.mobility_of`.
+    """
+    from pmopt.analysis.mobility import mobility_of
+
+    return mobility_of(find(mechanism), params, **options)
+
+
 def workspace(
     mechanism: str,
     params: Params | None = None,
@@ -130,6 +149,37 @@ def workspace(
         seed=seed,
         threads=threads,
         shape_grid=DEFAULT_GRID if shape_grid is None else shape_grid,
+    )
+
+
+def singularities(
+    mechanism: str,
+    params: Params | None = None,
+    *,
+    seed: int = 1,
+    threads: int | None = None,
+    grid: int | None = None,
+    **settings: Any,
+) -> SingularityResult:
+    """Map the singularities of one design over its workspace.
+
+    Parameters
+    ----------
+    mechanism, params, seed, threads, **settings
+        See :func:`workspace`.
+    grid : int, optional
+        Cells along each axis on which aspects are told apart.
+    """
+    from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.analysis.singularities import find_singularities
+
+    return find_singularities(
+        find(mechanism),
+        params,
+        validated(WorkspaceSettings, settings, "singularities"),
+        seed=seed,
+        threads=threads,
+        grid=grid,
     )
 
 

@@ -39,7 +39,11 @@ CHECK_CONSTANTS = 12
 PLACE = 12
 
 # Contraction only: it fuses multiply and add, and assumes nothing about NaN or infinity.
+# Inlining in numba's own code gives 5 to 8 % faster loops than LLVM's, and for all but small kernels
+# minutes of compilation (3-UPS/SP: 57 s against 8 s).
 _INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
+_FORCE = '@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")'
+_SMALL = 5000
 _ENTRY = '@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")'
 _ENTRIES = ("sweep", "field", "points", "probe")
 _STUBS = ("margin_of", "index_block", "facts_of", "unpack", "WORK", "FACTS", "ORDER")
@@ -135,6 +139,7 @@ def module_text(recipe: Recipe) -> str:
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
     _collect(kernel, blocks)
     _collect(recipe.skeleton, blocks)
+    own_length = sum(map(len, blocks.values()))
     _collect(conditioning, blocks)
     _collect(clearance.segment_distance2, blocks)
     pose = ", ".join(f"pose[{d}, i]" for d in range(recipe.pose_size))
@@ -162,9 +167,10 @@ def module_text(recipe: Recipe) -> str:
     blocks["unpack"] = f"{_INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
     for entry in _ENTRIES:
         _collect(getattr(sweep, entry), blocks)
-    return "import math\n\nimport numpy as np\nfrom numba import njit\n\n\n" + "\n\n".join(
-        blocks.values()
-    )
+    text = "\n\n".join(blocks.values())
+    if own_length > _SMALL or recipe.checks:
+        text = text.replace(_INLINE, _FORCE)
+    return f"import math\n\nimport numpy as np\nfrom numba import njit\n\n\n{text}"
 
 
 def _checks(recipe: Recipe, pose: str) -> str:

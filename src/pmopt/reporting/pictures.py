@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.workspace import WorkspaceResult, compute_workspace
 from pmopt.errors import InputError
 from pmopt.reporting import plots
@@ -23,7 +23,7 @@ def of_workspace(
     task: WorkspaceTask, result: WorkspaceResult, threads: int | None = None
 ) -> dict[str, bytes]:
     """Return histogram, 3-D picture and sections by file name."""
-    sweeper = Sweeper(task.mechanism, task.settings, task.seed, threads)
+    sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
     design = sweeper.design(task.parameters)
     drawn = {"lci_histogram.png": plots.draw_histogram(result)}
     mesh, sections = surface_field(sweeper, design), section_fields(sweeper, design)
@@ -49,7 +49,7 @@ def of_pareto(
         ``mechanism``, ``config`` and ``result`` of the run's manifest.
     """
     front, history = tables["front"], tables["history"]
-    first, second = manifest["config"]["objectives"]
+    first, second = manifest["config"]["objectives"][:2]
     parameters = [name for name in manifest["config"]["parameters"] if name in front]
     ranges = manifest["config"]["parameters"]
     # The variable that differs most along the front, relative to its range, tells its ends apart.

@@ -1,0 +1,409 @@
+"""3-UPS/SP: three rotations and one translation, three UPS limbs around an SP one.
+
+Symbols as in the paper on the workspace of the 3-UPS/SP mechanism: A, a, phi, theta, psi, l.
+Base corners A_i and platform corners b_i, counter-clockwise as seen from +z::
+
+    A1 = (A/2, -A/2, 0)  A2 = (A/2, A/2, 0)  A3 = (-A/2, A/2, 0)  A4 = (-A/2, -A/2, 0)
+
+The platform is rigid on limb 4 and perpendicular to it. With R = Rz(phi) Ry(theta) Rx(psi)::
+
+    P = A4 + R ((0, 0, l4) - b_4)      B_i = P + R b_i      l_i = |B_i - A_i|, i = 1, 2, 3
+
+Two parameters are ours. With e_i = b_i - b_4, ``kite`` k sets e_2 = k (e_1 + e_3), 1 for the
+paper's square; ``twist`` turns the platform about its normal, through its centre, 0 in the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.errors import InputError
+from pmopt.mechanisms.base import (
+    PLATFORM,
+    Chain,
+    Coordinate,
+    ForwardSolution,
+    InverseSolution,
+    Joint,
+    Limb,
+    Matrix,
+    Mechanism,
+    Parameter,
+    Parameters,
+    Ranges,
+    Reach,
+    Vector,
+)
+from pmopt.numerics.newton import real_roots
+from pmopt.numerics.rotation import main_range, rotation_matrices
+from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
+
+TINY = 1e-300
+
+_PAPER = "paper, section 1"
+_STROKE = (45.0, 90.0)
+
+
+def sp_limb(r, half_x, half_y, base, l4, ex, ey):  # type: ignore[no-untyped-def]
+    """Return s_i = R ((0, 0, l4) + e_i) and B_i - A_i of a limb with A_i = (half_x, half_y, 0).
+
+    ``base`` is A/2; r the rotation row by row.
+    """
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
+    sx = r11 * ex + r12 * ey + r13 * l4
+    sy = r21 * ex + r22 * ey + r23 * l4
+    sz = r31 * ex + r32 * ey + r33 * l4
+    return sx, sy, sz, sx - base - half_x, sy - base - half_y, sz
+
+
+def sp_row(s, r, sin_phi, cos_phi, scale):  # type: ignore[no-untyped-def]
+    """Return l_i and its rates by phi, theta, psi (times scale) and l4."""
+    sx, sy, sz, nx, ny, nz = s
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    unit = 1.0 / (length + TINY)
+    # (s x n) is the moment that omega is multiplied with.
+    mx = (sy * nz - sz * ny) * unit
+    my = (sz * nx - sx * nz) * unit
+    mz = (sx * ny - sy * nx) * unit
+    r11, _, r13, r21, _, r23, r31, _, r33 = r
+    return (
+        length,
+        mz * scale,
+        (my * cos_phi - mx * sin_phi) * scale,
+        (mx * r11 + my * r21 + mz * r31) * scale,
+        (nx * r13 + ny * r23 + nz * r33) * unit,
+    )
+
+
+def sp_kernel(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
+    """Return the margin, the least distance to a stroke's end, and J^-1 of the length rates.
+
+    Row i is (s_i x n_i).omega + (n_i.k) l4' with omega from the rates of phi, theta, psi.
+    """
+    (
+        base, e1x, e1y, e2x, e2y, e3x, e3y, _, _, scale,
+        low1, high1, low2, high2, low3, high3, low4, high4,
+        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    r = roll_pitch_yaw(phi, theta, psi)
+    sin_phi, cos_phi = sin_cos(phi)
+    l1, a11, a12, a13, a14 = sp_row(
+        sp_limb(r, base, -base, base, l4, e1x, e1y), r, sin_phi, cos_phi, scale
+    )
+    l2, a21, a22, a23, a24 = sp_row(
+        sp_limb(r, base, base, base, l4, e2x, e2y), r, sin_phi, cos_phi, scale
+    )
+    l3, a31, a32, a33, a34 = sp_row(
+        sp_limb(r, -base, base, base, l4, e3x, e3y), r, sin_phi, cos_phi, scale
+    )
+    margin = l1 - low1
+    slack = high1 - l1
+    margin = slack if slack < margin else margin
+    slack = l2 - low2
+    margin = slack if slack < margin else margin
+    slack = high2 - l2
+    margin = slack if slack < margin else margin
+    slack = l3 - low3
+    margin = slack if slack < margin else margin
+    slack = high3 - l3
+    margin = slack if slack < margin else margin
+    slack = l4 - low4
+    margin = slack if slack < margin else margin
+    slack = high4 - l4
+    margin = slack if slack < margin else margin
+    return (
+        margin,
+        a11, a12, a13, a14,
+        a21, a22, a23, a24,
+        a31, a32, a33, a34,
+        0.0, 0.0, 0.0, 1.0,
+    )  # fmt: skip
+
+
+def sp_cones(s, r, ux, uy, uz, vx, vy, vz):  # type: ignore[no-untyped-def]
+    """Return the cosines between a limb and its reference in the base and in the platform."""
+    _, _, _, nx, ny, nz = s
+    unit = 1.0 / (math.sqrt(nx * nx + ny * ny + nz * nz) + TINY)
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
+    wx = r11 * vx + r12 * vy + r13 * vz
+    wy = r21 * vx + r22 * vy + r23 * vz
+    wz = r31 * vx + r32 * vy + r33 * vz
+    return (nx * ux + ny * uy + nz * uz) * unit, (nx * wx + ny * wy + nz * wz) * unit
+
+
+def sp_skeleton(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
+    """Return the platform, the four limbs and the platform's spokes, and the cones."""
+    (
+        base, e1x, e1y, e2x, e2y, e3x, e3y, b4x, b4y, _,
+        _, _, _, _, _, _, _, _,
+        u1x, u1y, u1z, v1x, v1y, v1z, u2x, u2y, u2z, v2x, v2y, v2z,
+        u3x, u3y, u3z, v3x, v3y, v3z, kx, ky, kz,
+    ) = constants  # fmt: skip
+    r = roll_pitch_yaw(phi, theta, psi)
+    s1 = sp_limb(r, base, -base, base, l4, e1x, e1y)
+    s2 = sp_limb(r, base, base, base, l4, e2x, e2y)
+    s3 = sp_limb(r, -base, base, base, l4, e3x, e3y)
+    s4 = sp_limb(r, -base, -base, base, l4, 0.0, 0.0)
+    centre = sp_limb(r, -base, -base, base, l4, -b4x, -b4y)
+    px, py, pz = centre[0] - base, centre[1] - base, centre[2]
+    c1, d1 = sp_cones(s1, r, u1x, u1y, u1z, v1x, v1y, v1z)
+    c2, d2 = sp_cones(s2, r, u2x, u2y, u2z, v2x, v2y, v2z)
+    c3, d3 = sp_cones(s3, r, u3x, u3y, u3z, v3x, v3y, v3z)
+    return (
+        px, py, pz, *r,
+        base, -base, 0.0, s1[0] - base, s1[1] - base, s1[2],
+        base, base, 0.0, s2[0] - base, s2[1] - base, s2[2],
+        -base, base, 0.0, s3[0] - base, s3[1] - base, s3[2],
+        -base, -base, 0.0, s4[0] - base, s4[1] - base, s4[2],
+        px, py, pz, s1[0] - base, s1[1] - base, s1[2],
+        px, py, pz, s2[0] - base, s2[1] - base, s2[2],
+        px, py, pz, s3[0] - base, s3[1] - base, s3[2],
+        px, py, pz, s4[0] - base, s4[1] - base, s4[2],
+        c1, c2, c3, d1, d2, d3, r[2] * kx + r[5] * ky + r[8] * kz,
+    )  # fmt: skip
+
+
+class UpsSp(Mechanism):
+    """The 3-UPS/SP mechanism."""
+
+    name = "3-ups-sp"
+    title = "3-UPS/SP"
+    description = "three rotations and one translation; a rotary table on a telescopic post"
+    source = "Inverse Kinematics and Reachable Workspace of 3-UPS/SP Parallel Mechanism"
+    freedom = "3R1T"
+    length_unit = "mm"
+    default_jacobian = "homogenized"
+    length_meaning = "a / sqrt 2, the platform's radius: rates of angles become speeds"
+    parameters = (
+        Parameter("A", "length", 35.0, (25.0, 60.0), True, "side of the base square", _PAPER),
+        Parameter("a", "length", 20.0, (10.0, 40.0), True, "side of the platform square", _PAPER),
+        Parameter("kite", "ratio", 1.0, (0.4, 1.0), True,
+                  "diagonal from corner 4 to corner 2, as a share of the square's", "ours"),
+        Parameter("twist", "angle", 0.0, (0.0, 0.8), False,
+                  "turn of the platform about its normal", "ours"),
+    )  # fmt: skip
+    pose = (
+        Coordinate("phi", "angle", "yaw, about z"),
+        Coordinate("theta", "angle", "pitch, about y"),
+        Coordinate("psi", "angle", "roll, about x"),
+        Coordinate("l4", "length", "length of limb 4, along the platform's normal"),
+    )
+    joints = (
+        Coordinate("l1", "length", "length of limb 1"),
+        Coordinate("l2", "length", "length of limb 2"),
+        Coordinate("l3", "length", "length of limb 3"),
+        Coordinate("l4", "length", "length of limb 4"),
+    )
+    limbs = (
+        Limb("limb 1", "UPS", "U at A1, prismatic joint (actuated), S at B1"),
+        Limb("limb 2", "UPS", "U at A2, prismatic joint (actuated), S at B2"),
+        Limb("limb 3", "UPS", "U at A3, prismatic joint (actuated), S at B3"),
+        Limb("limb 4", "SP", "S at A4, prismatic joint (actuated) across the platform"),
+    )
+    working_modes = ("direct",)
+    kernel = staticmethod(sp_kernel)
+    constant_count = 39
+    skeleton = staticmethod(sp_skeleton)
+    segments = (0, 1, 2, 3, PLATFORM, PLATFORM, PLATFORM, PLATFORM)
+    spokes = (0, 1, 2, 3)
+    cones = ("U1", "U2", "U3", "S1", "S2", "S3", "S4")
+
+    def characteristic_length(self, parameters: Parameters) -> float:
+        """Return a / sqrt 2."""
+        return float(parameters["a"] or 0.0) / math.sqrt(2)
+
+    def home(self, parameters: Parameters) -> dict[str, float]:
+        """Return a tilted pose in the middle of the strokes: the level ones are singular."""
+        return {"phi": 0.0, "theta": 0.2, "psi": -0.1, "l4": 60.0}
+
+    def default_limits(self, parameters: Parameters) -> Ranges:
+        """Return the paper's strokes."""
+        return {c.name: _STROKE for c in self.joints}
+
+    def default_domain(self, parameters: Parameters) -> Ranges:
+        """Return phi within a quarter turn, theta and psi within 60 degrees (ours)."""
+        tilt = math.pi / 3
+        return {
+            "phi": (-math.pi / 2, math.pi / 2),
+            "theta": (-tilt, tilt),
+            "psi": (-tilt, tilt),
+        }
+
+    def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
+        """Return all orientations, and l4 within its stroke and what the other limbs leave."""
+        base, platform = _corners(parameters)
+        low, high = limits.get("l4", (0.0, math.inf))
+        for i in range(3):
+            longest = limits.get(f"l{i + 1}", (0.0, math.inf))[1]
+            span = np.linalg.norm(base[i] - base[3]) + np.linalg.norm(platform[i] - platform[3])
+            high = min(high, longest + float(span))
+        if not math.isfinite(high):
+            raise InputError("limits: l4 needs an upper bound, or another limb one")
+        angles = np.array([math.pi, math.pi / 2, math.pi])
+        return np.array([*-angles, max(low, 0.0)]), np.array([*angles, high])
+
+    def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
+        """Return each limb's distance to the end of its stroke."""
+        result = []
+        for limb, length in zip(self.limbs, self._lengths(parameters, pose), strict=True):
+            low, high = _STROKE
+            near = length - low < high - length
+            reason = "too close" if near else "too far"
+            result.append(Reach(limb.name, min(length - low, high - length), reason))
+        return tuple(result)
+
+    def inverse(
+        self, parameters: Parameters, pose: Mapping[str, float]
+    ) -> tuple[InverseSolution, ...]:
+        """Return the limbs' lengths."""
+        lengths = self._lengths(parameters, pose)
+        joints = {f"l{i + 1}": length for i, length in enumerate(lengths)}
+        return (InverseSolution("direct", joints, {}),)
+
+    def forward(
+        self, parameters: Parameters, joints: Mapping[str, float]
+    ) -> tuple[ForwardSolution, ...]:
+        """Solve |B_i - A_i| = l_i for the orientation, by Newton's method from 588 starts."""
+        base, platform = _corners(parameters)
+        l4 = joints["l4"]
+        local = platform[:3] - platform[3] + np.array([0.0, 0.0, l4])
+        anchors = base[:3] - base[3]
+        wanted = np.array([joints[f"l{i}"] for i in (1, 2, 3)])
+
+        def system(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            rotations, axes = rotation_matrices(x)
+            arms = np.einsum("nij,kj->nki", rotations, local)
+            gaps = arms - anchors
+            residual = (gaps**2).sum(axis=2) - wanted**2
+            return residual, 2 * np.einsum("nki,nij->nkj", np.cross(arms, gaps), axes)
+
+        turns = np.linspace(-math.pi, math.pi, 12, endpoint=False) + 0.1
+        starts = np.array(np.meshgrid(turns, [-1.0, -0.3, 0.25, 0.9], turns)).reshape(3, -1).T
+        home = self.home(parameters)
+        starts = np.vstack([[home["phi"], home["theta"], home["psi"]], starts])
+        accepted = 1e-9 * float((wanted**2).max())
+        roots = real_roots(system, starts, accepted, np.full(3, 0.5), main_range)
+        solutions = []
+        for root in roots:
+            pose = dict(zip(("phi", "theta", "psi"), root.tolist(), strict=True)) | {"l4": l4}
+            lengths = self._lengths(parameters, pose)[:3]
+            residual = max(abs(a - b) for a, b in zip(lengths, wanted.tolist(), strict=True))
+            solutions.append(ForwardSolution(pose, {}, residual))
+        return tuple(sorted(solutions, key=lambda s: sum((s.pose[k] - home[k]) ** 2 for k in home)))
+
+    def velocity_maps(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Matrix, Matrix]:
+        """Return J_X = [(s_i x n_i) axes, n_i.k; 0, 1] and J_q = 1."""
+        arms, gaps, rotation, axes = self._vectors(parameters, pose)
+        units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
+        j_x = np.zeros((4, 4))
+        j_x[:3, :3] = np.cross(arms, units) @ axes
+        j_x[:3, 3] = units @ rotation[:, 2]
+        j_x[3, 3] = 1.0
+        return j_x, np.eye(4)
+
+    def singularity_measures(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> dict[str, dict[str, float]]:
+        """Return l_i over the longest limb, and det[(s_i x n_i) / |s_i|], both in [-1, 1]."""
+        arms, gaps, _, _ = self._vectors(parameters, pose)
+        units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
+        rows = np.cross(arms, units) / np.linalg.norm(arms, axis=1, keepdims=True)
+        lengths = self._lengths(parameters, pose)
+        longest = max(lengths)
+        return {
+            "inverse": {limb.name: v / longest
+                        for limb, v in zip(self.limbs, lengths, strict=True)},
+            "forward": {"platform": float(np.linalg.det(rows))},
+        }  # fmt: skip
+
+    def velocity_map_units(self) -> dict[str, str]:
+        """Return the units of J_X's and J_q's entries."""
+        return {"J_X": "columns in mm/rad; mm/rad; mm/rad; 1", "J_q": "1"}
+
+    def platform(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Matrix, Vector]:
+        """Return R and P."""
+        base, platform = _corners(parameters)
+        rotation = rotation_matrices(_angles(pose))[0][0]
+        return rotation, base[3] + rotation @ (np.array([0.0, 0.0, pose["l4"]]) - platform[3])
+
+    def layout(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Chain, ...]:
+        """Return the limbs; the first axis of each U is tangential in the base (ours)."""
+        base, platform = _corners(parameters)
+        rotation, centre = self.platform(parameters, pose)
+        chains = []
+        for i in range(3):
+            end = centre + rotation @ platform[i]
+            along = (end - base[i]) / np.linalg.norm(end - base[i])
+            first = np.cross([0.0, 0.0, 1.0], base[i])
+            first /= np.linalg.norm(first)
+            second = np.cross(first, along)
+            chains.append(
+                Chain(
+                    self.limbs[i].name,
+                    (
+                        Joint("U", base[i], (first, second / np.linalg.norm(second))),
+                        Joint("P", base[i], (along,), drive=(f"l{i + 1}", 0)),
+                        Joint("S", end),
+                    ),
+                )
+            )
+        post = Joint("P", base[3], (rotation[:, 2],), drive=("l4", 0))
+        return (*chains, Chain(self.limbs[3].name, (Joint("S", base[3]), post)))
+
+    def kernel_constants(
+        self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
+    ) -> list[float]:
+        """Return the constants in the order :func:`sp_kernel` unpacks them."""
+        _, platform = _corners(parameters)
+        arms = platform[:3] - platform[3]
+        _, gaps, rotation, _ = self._vectors(parameters, self.home(parameters))
+        units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
+        references = np.hstack([units, units @ rotation]).ravel()
+        ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
+        return [
+            float(parameters["A"] or 0.0) / 2,
+            *arms[:, :2].ravel().tolist(), *platform[3, :2].tolist(), 1 / length,
+            *(end for pair in ends for end in pair),
+            *references.tolist(), *rotation[:, 2].tolist(),
+        ]  # fmt: skip
+
+    def _vectors(
+        self, parameters: Parameters, pose: Mapping[str, float]
+    ) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+        """Return s_i and B_i - A_i of limbs 1 to 3, the rotation and the axes of its rates."""
+        base, platform = _corners(parameters)
+        rotations, axes = rotation_matrices(_angles(pose))
+        local = platform[:3] - platform[3] + np.array([0.0, 0.0, pose["l4"]])
+        arms = local @ rotations[0].T
+        return arms, arms - (base[:3] - base[3]), rotations[0], axes[0]
+
+    def _lengths(self, parameters: Parameters, pose: Mapping[str, float]) -> list[float]:
+        gaps = self._vectors(parameters, pose)[1]
+        return [*np.linalg.norm(gaps, axis=1).tolist(), pose["l4"]]
+
+
+def _corners(parameters: Parameters) -> tuple[Matrix, Matrix]:
+    """Return A_i in the base and b_i in the platform, a row each."""
+    square = np.array([[1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]]) / 2
+    big, small, kite, twist = (float(parameters[k] or 0.0) for k in ("A", "a", "kite", "twist"))
+    platform = small * square
+    platform[1] = platform[3] + kite * (platform[0] + platform[2] - 2 * platform[3])
+    turn = rotation_matrices(np.array([[twist, 0.0, 0.0]]))[0][0]
+    return big * square, platform @ turn.T
+
+
+def _angles(pose: Mapping[str, float]) -> NDArray[np.float64]:
+    return np.array([[pose["phi"], pose["theta"], pose["psi"]]])
+
+
+MECHANISM = UpsSp()

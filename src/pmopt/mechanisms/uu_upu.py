@@ -1,0 +1,1022 @@
+"""2UU-UPU, in the geometry that keeps its freedoms in motion (2UU-UPS): 1T2R.
+
+Symbols after "Dynamic Modeling and Simulation of a 3-DOF Parallel Sorting Robot", whose own
+layout of axes is instantaneous only (see docs/mechanisms/2uu-upu.md). The two UU limbs are a
+four-bar B2 P2 P3 B3 in a plane that turns about the line B2B3, parallel to y.
+
+Internal coordinates q = (phi, kappa, psi): the plane's turn about y, the coupler's turn in the
+plane and the platform's turn about the coupler. With a, c half the sides of base and platform::
+
+    Rot = Ry(phi) Rx(kappa) Ry(psi),  n = Ry(phi) x,  o = Ry(phi) Rx(kappa) y
+    rho^2 = a^2 + c^2 - 2 a c cos kappa,   f = s sqrt(L^2 / rho^2 - 1)
+    M = Bm + Ry(phi) (0, f c sin kappa, f (a - c cos kappa))      middle of the coupler P2P3
+    P = M + R/2 Rot x,   P1 = M + 3R/2 Rot x,   P2, P3 = M +- c o
+    L (sin d2, cos d2) = P2 - B2 and L (sin d3, cos d3) = P3 - B3, in the plane's (y, height)
+    P1 - B1 = l1 (sin theta1 cos eta1, sin eta1, cos theta1 cos eta1)
+
+A task pose (x, beta, gamma) tells the third row of Rot, (-sin beta, m, cos beta cos gamma) with
+m = cos beta sin gamma; mu^2 = 1 - m^2. What is left is a curve, here told by v = w - psi with
+mu (sin w, cos w) = (sin beta, cos beta cos gamma)::
+
+    sin phi = mu sin v,  cos phi = sqrt(cos^2 v + m^2 sin^2 v)
+    cos kappa = mu cos v / cos phi,  sin kappa = m / cos phi
+
+on which P_x = x is solved, with u = tan(v / 2) as the unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.errors import UnreachableError, unknown_name
+from pmopt.mechanisms.base import (
+    PLATFORM,
+    Chain,
+    Coordinate,
+    ForwardSolution,
+    InverseSolution,
+    Joint,
+    Limb,
+    Matrix,
+    Mechanism,
+    Parameter,
+    Parameters,
+    Ranges,
+    Reach,
+    Vector,
+    wrap_angle,
+)
+from pmopt.numerics.trigonometry import sin_cos
+
+TINY = 1e-300
+#: Least f^2: what keeps quotients by f finite where f is 0.
+uup_LEAST = 1e-20
+#: Cells the curve is searched in; points of it that are tried, refinements in a cell included.
+uup_CELLS = 5
+uup_STEPS = 15
+#: Largest miss of x, relative to L, that counts as a root.
+uup_CLOSE = 1e-9
+#: Stands for tan(v / 2) at v = pi.
+uup_FAR = 64.0
+
+#: Cells of :func:`_root`'s scan.
+FINE = 120
+
+#: Whether the platform's P2P3 is above (1) or below (-1) the base, told by M's height over it.
+MODE_SIGNS = {"up": 1.0, "down": -1.0}
+
+_OURS = "ours"
+_PAPER = "paper, section 4 (default); bounds ours"
+
+
+def uup_turn(u, m, mu, sw, cw):  # type: ignore[no-untyped-def]
+    """Return sine and cosine of phi, kappa and psi at a point of the curve."""
+    d = 1.0 / (1.0 + u * u)
+    cv = (1.0 - u * u) * d
+    sv = 2.0 * u * d
+    cphi = math.sqrt(cv * cv + m * m * sv * sv) + TINY
+    return mu * sv, cphi, m / cphi, mu * cv / cphi, sw * cv - cw * sv, cw * cv + sw * sv
+
+
+def uup_bar(sk, ck, a, c, l2, s):  # type: ignore[no-untyped-def]
+    """Return L^2 / rho^2 - 1, f, f df/dkappa, M's height and its derivative times |f|."""
+    rho2 = a * a + c * c - 2.0 * a * c * ck + TINY
+    excess = l2 / rho2 - 1.0
+    f = s * math.sqrt(excess if excess > uup_LEAST else uup_LEAST)
+    g = -l2 * a * c * sk / (rho2 * rho2)
+    arm = a - c * ck
+    return excess, f, g, f * arm, s * (g * arm + f * f * c * sk)
+
+
+def uup_across(u, m, mu, sw, cw, a, c, l2, half_r, s):  # type: ignore[no-untyped-def]
+    """Return P_x - Bm_x at a point of the curve, and its derivatives by u, by v and by v times |f| cos phi."""
+    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, m, mu, sw, cw)
+    _, f, _, h, h_k = uup_bar(sk, ck, a, c, l2, s)
+    x = h * sphi + half_r * (cphi * cpsi - sphi * ck * spsi)
+    # Along the curve phi' = cos kappa, kappa' = sin kappa tan phi, psi' = -1 by v.
+    big_f = s * f
+    even = h_k * sk * sphi * sphi + big_f * (h * cphi * cphi * ck + half_r * spsi * sk * sk)
+    slope = even / (big_f * cphi)
+    return x, slope * 2.0 / (1.0 + u * u), slope, even
+
+
+def uup_solve(x, m, mu, sw, cw, a, c, l2, half_r, s, up, far):  # type: ignore[no-untyped-def]
+    """Return where P_x = x on the piece of the curve about v = 0 on which P_x is monotonic.
+
+    With it P_x - x there, not 0 where there is no root, and the least slope by v there and at
+    v = 0. Without a root it is where P_x comes nearest to x on that piece. Cells outwards from
+    v = 0 are searched for the first that crosses x or turns back. In it the parabola through the
+    last two points with the slope at the last leads to the root, also near a turning point; where
+    it has no root, the secant of the slopes leads to the turning point.
+    """
+    side = 1.0
+    t = t1 = low = 0.0
+    e1 = g1 = g_low = g_high = first = last = 0.0
+    high = far
+    before = searching = True
+    for j in range(uup_STEPS):
+        value, slope, last, even = uup_across(side * t, m, mu, sw, cw, a, c, l2, half_r, s)
+        first = last if j == 0 else first
+        side = side if j > 0 or up * (value - x) < 0.0 else -1.0
+        t0 = t1
+        e0 = e1
+        t1 = t
+        e1 = side * up * (value - x)
+        g1 = up * slope
+        again = before
+        before = e1 < 0.0 and g1 > 0.0
+        low = t if before else low
+        high = high if before else t
+        # An end that stays has its slope halved (Illinois): the secant can not get stuck.
+        even *= up
+        g_low = even if before else (g_low if again else 0.5 * g_low)
+        g_high = (0.5 * g_high if again else g_high) if before else even
+        searching = searching and before and j < uup_CELLS
+        part = (j + 1) / uup_CELLS
+        width = t0 - t1
+        bend = (e0 - e1 - g1 * width) / (width * width + TINY)
+        square = g1 * g1 - 4.0 * bend * e1
+        rise = g1 + math.sqrt(square if square > 0.0 else 0.0)
+        root = t1 - 2.0 * e1 / (rise if abs(rise) > TINY else TINY)
+        turn = (low * g_high - high * g_low) / (g_high - g_low - TINY)
+        t = root if square > 0.0 else turn
+        t = t if low <= t <= high else 0.5 * (low + high)
+        t = part / (1.0 - part + part / far) if searching else t
+    return side * t1, e1, up * (last if last * up < first * up else first)
+
+
+def uup_pose(x, beta, gamma, geometry):  # type: ignore[no-untyped-def]
+    """Return root, miss and slope of :func:`uup_solve` at a pose, and the state there."""
+    a, c, l2, r, big_r, s, up, far_cos = geometry
+    sb, cb = sin_cos(beta)
+    sg, cg = sin_cos(gamma)
+    m = cb * sg
+    level = cb * cg
+    mu = math.sqrt(sb * sb + level * level) + TINY
+    sw = sb / mu
+    cw = level / mu
+    # cos v where the links are stretched: |kappa| is largest, its cotangent far_cos.
+    end = abs(m) * far_cos / mu
+    end = 1.0 if end > 1.0 else (-1.0 if end < -1.0 else end)
+    far = math.sqrt((1.0 - end) / (1.0 + end + TINY))
+    far = far if far < uup_FAR else uup_FAR
+    u, miss, slope = uup_solve(x + 0.5 * r, m, mu, sw, cw, a, c, l2, 0.5 * big_r, s, up, far)
+    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, m, mu, sw, cw)
+    return (miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi)
+
+
+def kernel(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and a positive multiple of Qq adj(Xq) at a pose, branch-free.
+
+    Xq and Qq are the derivatives of the pose (x, beta, gamma) and of the joints (theta1, phi, d3)
+    by q, so that J^-1 = Qq Xq^-1. Kappa's columns are multiplied by |f|, Xq's rows by 1, cos beta
+    and cos^2 beta, Qq's by l1^2 cos^2 eta1: all stay finite everywhere. The determinant of the
+    entries is det(Qq) = dtheta1/dpsi dd3/dkappa times a square and cos^3 beta.
+    """
+    (
+        a, c, l2, length, r, big_r, s, up, far_cos, weight,
+        t_cos, t_sin, t_least, phi_cos, phi_sin, phi_least, d3_cos, d3_sin, d3_least,
+        l1_low, l1_high, eta_cos, eta_sin, eta_least, d2_cos, d2_sin, d2_least,
+        k_cos, k_sin, k_least, psi_cos, psi_sin, psi_least,
+        _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
+        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
+    )
+    excess, f, g, h, h_k = uup_bar(sk, ck, a, c, l2, s)
+    y = f * c * sk
+    y_k = s * c * (g * sk + f * f * ck)
+    big_f = s * f
+
+    # Rot x, o = Rot y, n
+    xx = cphi * cpsi - sphi * ck * spsi
+    xy = spsi * sk
+    xz = -sphi * cpsi - cphi * ck * spsi
+    ox = sphi * sk
+    oz = cphi * sk
+    # What is needed of o x Rot x and n x Rot x
+    cx = ck * xz - oz * xy
+    cz = ox * xy - ck * xx
+    nx = sphi * xy
+    nz = cphi * xy
+
+    half = 0.5 * big_r
+    far_arm = 3.0 * half
+    wx = h * sphi + far_arm * xx - 0.5 * r - r
+    wy = y + far_arm * xy
+    wz = h * cphi + far_arm * xz
+    flat2 = wx * wx + wz * wz
+    flat = math.sqrt(flat2) + TINY
+    l1 = math.sqrt(flat2 + wy * wy)
+
+    # theta1's row of Qq times flat2
+    t_phi = wz * wz + wx * (wx + 1.5 * r)
+    t_k = (h_k * sphi + big_f * far_arm * nx) * wz - (h_k * cphi + big_f * far_arm * nz) * wx
+    t_psi = far_arm * (cx * wz - cz * wx)
+    # L (sin, cos) of d2 and d3
+    d2_s = y - a + c * ck
+    d2_c = h + c * sk
+    d3_s = y + a - c * ck
+    d3_c = h - c * sk
+    d3_k = ((y_k + big_f * c * sk) * d3_c - (h_k - big_f * c * ck) * d3_s) / l2
+    # Xq: rates of x, of beta times cos beta, of gamma times cos^2 beta
+    x_phi = h * cphi + half * xz
+    x_k = (h_k + big_f * half * xy) * sphi
+    x_psi = half * cx
+    b_phi = xx
+    b_k = -big_f * cphi * xy
+    b_psi = ck * xx - ox * xy
+    g_phi = xy
+    g_k = big_f * cphi * xx
+    g_psi = ox * xx + ck * xy
+    # adj(Xq), its columns times weight, cos beta and cos^2 beta
+    cb2 = cb * cb
+    p_x = weight * (b_k * g_psi - b_psi * g_k)
+    p_b = cb * (x_psi * g_k - x_k * g_psi)
+    p_g = cb2 * (x_k * b_psi - x_psi * b_k)
+    k_x = weight * (b_psi * g_phi - b_phi * g_psi)
+    k_b = cb * (x_phi * g_psi - x_psi * g_phi)
+    k_g = cb2 * (x_psi * b_phi - x_phi * b_psi)
+    s_x = weight * (b_phi * g_k - b_k * g_phi)
+    s_b = cb * (x_k * g_phi - x_phi * g_k)
+    s_g = cb2 * (x_phi * b_k - x_k * b_phi)
+
+    # The slope falls to 0 as the root of the distance to P_x's extreme: its square is linear.
+    margin = slope * abs(slope) / length
+    slack = -abs(miss) if abs(miss) > uup_CLOSE * length else excess
+    margin = slack if slack < margin else margin
+    margin = excess if excess < margin else margin
+    slack = l1 - l1_low
+    margin = slack if slack < margin else margin
+    slack = l1_high - l1
+    margin = slack if slack < margin else margin
+    slack = wz / flat * t_cos + wx / flat * t_sin - t_least
+    margin = slack if slack < margin else margin
+    slack = cphi * phi_cos + sphi * phi_sin - phi_least
+    margin = slack if slack < margin else margin
+    slack = d3_c / length * d3_cos + d3_s / length * d3_sin - d3_least
+    margin = slack if slack < margin else margin
+    slack = flat / (l1 + TINY) * eta_cos + wy / (l1 + TINY) * eta_sin - eta_least
+    margin = slack if slack < margin else margin
+    slack = d2_c / length * d2_cos + d2_s / length * d2_sin - d2_least
+    margin = slack if slack < margin else margin
+    slack = ck * k_cos + sk * k_sin - k_least
+    margin = slack if slack < margin else margin
+    slack = cpsi * psi_cos + spsi * psi_sin - psi_least
+    margin = slack if slack < margin else margin
+    d3_f = d3_k * flat2
+    return (
+        margin,
+        t_phi * p_x + t_k * k_x + t_psi * s_x,
+        t_phi * p_b + t_k * k_b + t_psi * s_b,
+        t_phi * p_g + t_k * k_g + t_psi * s_g,
+        flat2 * p_x, flat2 * p_b, flat2 * p_g,
+        d3_f * k_x, d3_f * k_b, d3_f * k_g,
+    )  # fmt: skip
+
+
+def skeleton(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return platform, links and spokes, and the cosines of the cone angles at S1, U2 and U3."""
+    (
+        a, c, l2, length, r, big_r, s, up, far_cos, _,
+        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+        r1x, r1y, r1z, r2x, r2y, r2z, r3x, r3y, r3z,
+    ) = constants  # fmt: skip
+    _, _, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
+        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
+    )
+    _, f, _, h, _ = uup_bar(sk, ck, a, c, l2, s)
+    y = f * c * sk
+    base = -0.5 * r
+    # Rot's columns
+    xx = cphi * cpsi - sphi * ck * spsi
+    xy = spsi * sk
+    xz = -sphi * cpsi - cphi * ck * spsi
+    ox = sphi * sk
+    oz = cphi * sk
+    zx = xy * oz - xz * ck
+    zy = xz * ox - xx * oz
+    zz = xx * ck - xy * ox
+    mx = base + h * sphi
+    mz = h * cphi
+    half = 0.5 * big_r
+    px = mx + half * xx
+    py = y + half * xy
+    pz = mz + half * xz
+    p1x = px + big_r * xx
+    p1y = py + big_r * xy
+    p1z = pz + big_r * xz
+    p2x = mx + c * ox
+    p2y = y + c * ck
+    p2z = mz + c * oz
+    p3x = mx - c * ox
+    p3y = y - c * ck
+    p3z = mz - c * oz
+    w1x = p1x - r
+    l1 = math.sqrt(w1x * w1x + p1y * p1y + p1z * p1z) + TINY
+    cone1 = (
+        w1x * (xx * r1x + ox * r1y + zx * r1z)
+        + p1y * (xy * r1x + ck * r1y + zy * r1z)
+        + p1z * (xz * r1x + oz * r1y + zz * r1z)
+    ) / l1
+    cone2 = (
+        (p2x - base) * (xx * r2x + ox * r2y + zx * r2z)
+        + (p2y - a) * (xy * r2x + ck * r2y + zy * r2z)
+        + p2z * (xz * r2x + oz * r2y + zz * r2z)
+    ) / length
+    cone3 = (
+        (p3x - base) * (xx * r3x + ox * r3y + zx * r3z)
+        + (p3y + a) * (xy * r3x + ck * r3y + zy * r3z)
+        + p3z * (xz * r3x + oz * r3y + zz * r3z)
+    ) / length
+    return (
+        px, py, pz,
+        xx, ox, zx, xy, ck, zy, xz, oz, zz,
+        r, 0.0, 0.0, p1x, p1y, p1z,
+        base, a, 0.0, p2x, p2y, p2z,
+        base, -a, 0.0, p3x, p3y, p3z,
+        px, py, pz, p1x, p1y, p1z,
+        px, py, pz, p2x, p2y, p2z,
+        px, py, pz, p3x, p3y, p3z,
+        cone1, cone2, cone3,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The mechanism at internal coordinates q = (phi, kappa, psi), for kinematics and dynamics.
+
+    Attributes
+    ----------
+    q : (3,) float64
+    sign : float
+        s of f = s sqrt(L^2 / rho^2 - 1).
+    bar : tuple of float
+        What :func:`uup_bar` returns.
+    rotation : (3, 3) float64
+        The platform's; its second column is o, the direction of P3P2.
+    normal : (3,) float64
+        n, the normal of the limb plane.
+    middle, centre : (3,) float64
+        M, middle of P2P3, and P, the platform's centre.
+    base, ends : (3, 3) float64
+        Rows B1, B2, B3 and P1, P2, P3.
+    lengths, directions : (3,) and (3, 3) float64
+        Of the limbs, from base to platform.
+    theta1, eta1, delta2, delta3 : float
+    """
+
+    q: Vector
+    sign: float
+    bar: tuple[float, float, float, float, float]
+    rotation: Matrix
+    normal: Vector
+    middle: Vector
+    centre: Vector
+    base: Matrix
+    ends: Matrix
+    lengths: Vector
+    directions: Matrix
+    theta1: float
+    eta1: float
+    delta2: float
+    delta3: float
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Derivatives by q = (phi, kappa, psi); columns are the coordinates.
+
+    Those by kappa are multiplied by |f| where asked for, which keeps them finite at f = 0.
+
+    Attributes
+    ----------
+    angular, centre : (3, 3) float64
+        The platform's angular velocity and its centre's velocity.
+    ends : (3, 3, 3) float64
+        Of P1, P2, P3.
+    theta1, l1, eta1, delta2, delta3 : (3,) float64
+    """
+
+    angular: Matrix
+    centre: Matrix
+    ends: NDArray[np.float64]
+    theta1: Vector
+    l1: Vector
+    eta1: Vector
+    delta2: Vector
+    delta3: Vector
+
+    @property
+    def joints(self) -> Matrix:
+        """Qq: rows theta1, phi and delta3."""
+        return np.array([self.theta1, [1.0, 0.0, 0.0], self.delta3])
+
+
+def configuration(parameters: Parameters, q: Vector, sign: float) -> Configuration:
+    """Return the mechanism at internal coordinates; |kappa| beyond its limit counts as at f = 0."""
+    a, c, length, r, big_r = _lengths(parameters)
+    phi, kappa, psi = (float(v) for v in q)
+    sk, ck = math.sin(kappa), math.cos(kappa)
+    bar = uup_bar(sk, ck, a, c, length**2, sign)
+    plane = _about_y(phi)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, ck, -sk], [0.0, sk, ck]])
+    rotation = plane @ tilt @ _about_y(psi)
+    _, f, _, h, _ = bar
+    y = f * c * sk
+    middle = np.array([-r / 2, 0.0, 0.0]) + plane @ [0.0, y, h]
+    across = rotation[:, 0]
+    base = np.array([[r, 0.0, 0.0], [-r / 2, a, 0.0], [-r / 2, -a, 0.0]])
+    side = c * rotation[:, 1]
+    ends = np.array([middle + 1.5 * big_r * across, middle + side, middle - side])
+    vectors = ends - base
+    lengths = np.linalg.norm(vectors, axis=1)
+    w = vectors[0]
+    return Configuration(
+        q=np.array([phi, kappa, psi]),
+        sign=sign,
+        bar=bar,
+        rotation=rotation,
+        normal=plane[:, 0],
+        middle=middle,
+        centre=middle + big_r / 2 * across,
+        base=base,
+        ends=ends,
+        lengths=lengths,
+        directions=vectors / np.maximum(lengths, TINY)[:, None],
+        theta1=math.atan2(w[0], w[2]),
+        eta1=math.atan2(w[1], math.hypot(w[0], w[2])),
+        delta2=math.atan2(y - a + c * ck, h + c * sk),
+        delta3=math.atan2(y + a - c * ck, h - c * sk),
+    )
+
+
+def rates(parameters: Parameters, at: Configuration, scaled: bool = False) -> Rates:
+    """Return the derivatives by q; those by kappa times |f| if scaled."""
+    a, c, length, r, big_r = _lengths(parameters)
+    _, f, g, h, h_k = at.bar
+    scale = abs(f) if scaled else 1.0
+    plane = _about_y(float(at.q[0]))
+    sk, ck = math.sin(at.q[1]), math.cos(at.q[1])
+    y = f * c * sk
+    # Rates of M in the plane, by kappa: |f| times them is finite.
+    y_k, h_k = (v if scaled else v / abs(f) for v in (at.sign * c * (g * sk + f * f * ck), h_k))
+    across, o = at.rotation[:, 0], at.rotation[:, 1]
+    angular = np.column_stack([[0.0, 1.0, 0.0], scale * at.normal, o])
+    pivot = np.array([-r / 2, 0.0, 0.0])
+    turned = np.cross([0.0, 1.0, 0.0], at.middle - pivot)
+    middle = np.column_stack([turned, plane @ [0.0, y_k, h_k], np.zeros(3)])
+
+    def moving(offset: Vector) -> Matrix:
+        return middle + np.cross(angular.T, offset).T
+
+    points = [moving(point - at.middle) for point in at.ends]
+    w = at.ends[0] - at.base[0]
+    flat2 = w[0] ** 2 + w[2] ** 2
+    l1, moved = float(at.lengths[0]), points[0]
+    l1_q = w @ moved / max(l1, TINY)
+    bars = []
+    for sign, s_, c_ in ((1, y - a + c * ck, h + c * sk), (-1, y + a - c * ck, h - c * sk)):
+        ds, dc = y_k - sign * scale * c * sk, h_k + sign * scale * c * ck
+        bars.append(np.array([0.0, (ds * c_ - dc * s_) / length**2, 0.0]))
+    return Rates(
+        angular=angular,
+        centre=moving(big_r / 2 * across),
+        ends=np.array(points),
+        theta1=(moved[0] * w[2] - moved[2] * w[0]) / max(flat2, TINY),
+        l1=l1_q,
+        eta1=(moved[1] - w[1] / max(l1, TINY) * l1_q) / max(math.sqrt(flat2), TINY),
+        delta2=bars[0],
+        delta3=bars[1],
+    )
+
+
+class UuUpu(Mechanism):
+    """The 2UU-UPU mechanism as 2UU-UPS."""
+
+    name = "2uu-upu"
+    title = "2UU-UPU (as 2UU-UPS)"
+    description = (
+        "one translation and two rotations (x, beta, gamma); sorting robot. The rod of the UPU "
+        "limb is not keyed (2UU-UPS): the paper's own layout moves at one pose only"
+    )
+    source = "Dynamic Modeling and Simulation of a 3-DOF Parallel Sorting Robot"
+    freedom = "1T2R"
+    length_unit = "m"
+    default_jacobian = "homogenized"
+    length_meaning = "R = ps / sqrt 3, the platform's radius: angles become arcs at its corners"
+    parameters = (
+        Parameter("bs", "length", 0.35, (0.25, 0.5), True,
+                  "side of the base triangle B1B2B3", _PAPER),
+        Parameter("ps", "length", 0.31, (0.2, 0.45), True,
+                  "side of the platform triangle P1P2P3", _PAPER),
+        Parameter("L", "length", 0.25, (0.2, 0.4), True,
+                  "link of the UU limbs, between their U joints", _PAPER),
+    )  # fmt: skip
+    pose = (
+        Coordinate("x", "length", "platform centre, along the line from B2B3 to B1"),
+        Coordinate("beta", "angle", "pitch, Rot = Rz(alpha) Ry(beta) Rx(gamma)"),
+        Coordinate("gamma", "angle", "roll, Rot = Rz(alpha) Ry(beta) Rx(gamma)"),
+    )
+    parasitic = (
+        Coordinate("y", "length", "platform centre, along B3B2"),
+        Coordinate("z", "length", "platform centre, height over the base"),
+        Coordinate("alpha", "angle", "yaw, Rot = Rz(alpha) Ry(beta) Rx(gamma)"),
+    )
+    joints = (
+        Coordinate("theta1", "angle", "limb 1, first axis of its base U (along y)"),
+        Coordinate("phi", "angle", "limb 2, first axis of its base U: turn of the limb plane"),
+        Coordinate("delta3", "angle", "limb 3, second axis of its base U: swing in the plane"),
+    )
+    passive = (
+        Coordinate("l1", "length", "limb 1, length B1P1"),
+        Coordinate("eta1", "angle", "limb 1, second axis of its base U"),
+        Coordinate("delta2", "angle", "limb 2, second axis of its base U: swing in the plane"),
+        Coordinate("kappa", "angle", "turn of P2P3 against B2B3 in the limb plane"),
+        Coordinate("psi", "angle", "turn of the platform about P2P3"),
+    )
+    limbs = (
+        Limb("limb 1", "UPS", "U at B1 (first axis along y, actuated), slider, S at P1"),
+        Limb("limb 2", "UU", "U at B2 (first axis along B2B3, actuated), U at P2"),
+        Limb("limb 3", "UU", "U at B3 (second axis normal to the limb plane, actuated), U at P3"),
+    )
+    layouts: ClassVar[Mapping[str, str]] = {
+        "paper": "2UU-UPU as the paper names it: first and last axes radial, the others across "
+        "the links, platform centred; free at that pose only"
+    }
+    working_modes = tuple(MODE_SIGNS)
+    kernel = staticmethod(kernel)
+    constant_count = 42
+    skeleton = staticmethod(skeleton)
+    segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
+    spokes = (0, 1, 2)
+    cones = ("S1", "U2", "U3")
+
+    def characteristic_length(self, parameters: Parameters) -> float:
+        """Return R = ps / sqrt 3."""
+        return _lengths(parameters)[4]
+
+    def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
+        """Return |P_x + r/2| <= highest M + R/2, cut by |P1 - B1| <= l1; angles in full."""
+        a, c, length, r, big_r = _lengths(parameters)
+        height = math.sqrt(max(length**2 - (a - c) ** 2, 0.0))
+        low, high = -r / 2 - height - big_r / 2, -r / 2 + height + big_r / 2
+        longest = limits.get("l1", (-math.inf, math.inf))[1]
+        low, high = max(low, r - longest - big_r), min(high, r + longest + big_r)
+        if height == 0.0 or low >= high:
+            return np.zeros(3), np.zeros(3)
+        angles = np.array([math.pi / 2, math.pi])
+        return np.array([low, *-angles]), np.array([high, *angles])
+
+    def default_domain(self, parameters: Parameters) -> Ranges:
+        """Return tilts up to 60 degrees (ours)."""
+        return {"beta": (-math.pi / 3, math.pi / 3), "gamma": (-math.pi / 3, math.pi / 3)}
+
+    def default_limits(self, parameters: Parameters) -> Ranges:
+        """Return l1 between 0.64 L and 1.12 L: the paper's stroke of 120 mm at L = 250 mm."""
+        length = _lengths(parameters)[2]
+        return {"l1": (length * 16 / 25, length * 28 / 25)}
+
+    def home(self, parameters: Parameters) -> dict[str, float]:
+        """Return the level pose with P1 further out than B1 by a third of the limbs' height."""
+        a, c, length, r, big_r = _lengths(parameters)
+        height = math.sqrt(max(length**2 - (a - c) ** 2, 0.0))
+        out = height / 3 - 1.5 * (big_r - r)
+        out = min(max(out, -0.9 * height), 0.9 * height)
+        return {"x": out + (big_r - r) / 2, "beta": 0.0, "gamma": 0.0}
+
+    def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
+        """Return l1's distance to its stroke, and how far the UU limbs are from stretched.
+
+        The two UU limbs reach a pose together: outside it is the miss in x, inside the lesser of
+        L - rho and (dP_x/dv)^2 / L, 0 where P_x is extreme. Of the first working mode.
+        """
+        length = _lengths(parameters)[2]
+        mode = self.working_modes[0]
+        q, miss, slope, sign = _nearest(parameters, pose, mode)
+        at = configuration(parameters, q, sign)
+        l1 = float(at.lengths[0])
+        low, high = self.default_limits(parameters)["l1"]
+        stretched = length - length / math.sqrt(max(at.bar[0] + 1.0, TINY))
+        plane = min(slope * abs(slope) / length, stretched)
+        if abs(miss) > uup_CLOSE * length:
+            plane = min(plane, -abs(miss))
+        return (
+            Reach(
+                "limb 1",
+                min(l1 - low, high - l1),
+                "too far" if l1 - low > high - l1 else "too close",
+            ),
+            Reach("limb 2", plane, "too far"),
+            Reach("limb 3", plane, "too far"),
+        )
+
+    def inverse(
+        self, parameters: Parameters, pose: Mapping[str, float]
+    ) -> tuple[InverseSolution, ...]:
+        """Return the root of P_x = x in each working mode that has one.
+
+        It is the root on the piece of the curve about v = 0 on which P_x is monotonic. The
+        others, left out, lie beyond P_x's extremes, where the limb plane is folded down.
+        """
+        found = []
+        for mode in self.working_modes:
+            at = _root(parameters, pose, mode)
+            if at is None:
+                continue
+            joints = {"theta1": at.theta1, "phi": float(at.q[0]), "delta3": at.delta3}
+            rotation = at.rotation
+            parasitic = {
+                "y": float(at.centre[1]),
+                "z": float(at.centre[2]),
+                "alpha": _yaw(rotation, pose["beta"]),
+            }
+            passive = {
+                "l1": float(at.lengths[0]),
+                "eta1": at.eta1,
+                "delta2": at.delta2,
+                "kappa": float(at.q[1]),
+                "psi": float(at.q[2]),
+            }
+            found.append(
+                InverseSolution(
+                    mode, {k: wrap_angle(v) for k, v in joints.items()}, parasitic, passive
+                )
+            )
+        return tuple(found)
+
+    def forward(
+        self, parameters: Parameters, joints: Mapping[str, float]
+    ) -> tuple[ForwardSolution, ...]:
+        """Intersect two circles for P2, then solve A cos psi + B sin psi + C = 0 from theta1."""
+        big_r = _lengths(parameters)[4]
+        home = self.home(parameters)
+        solutions = []
+        for at in assemblies(parameters, joints):
+            rotation, centre = at.rotation, at.centre
+            beta = math.asin(min(max(-rotation[2, 0], -1.0), 1.0))
+            pose = {
+                "x": float(centre[0]),
+                "beta": beta,
+                "gamma": math.atan2(rotation[2, 1], rotation[2, 2]),
+            }
+            parasitic = {
+                "y": float(centre[1]),
+                "z": float(centre[2]),
+                "alpha": _yaw(rotation, beta),
+            }
+            w = at.ends[0] - at.base[0]
+            t1, phi, d3 = joints["theta1"], joints["phi"], joints["delta3"]
+            length = _lengths(parameters)[2]
+            p3 = at.base[2] + length * _about_y(phi) @ [0.0, math.sin(d3), math.cos(d3)]
+            residuals = [
+                abs(w[0] * math.cos(t1) - w[2] * math.sin(t1)),
+                abs(at.lengths[1] - length),
+                np.linalg.norm(at.ends[2] - p3),
+            ]
+            solutions.append(ForwardSolution(pose, parasitic, float(max(residuals))))
+
+        def away(solution: ForwardSolution) -> float:
+            gap = {k: solution.pose[k] - home[k] for k in home}
+            turns = [big_r * wrap_angle(gap[k]) for k in ("beta", "gamma")]
+            return math.hypot(gap["x"], *turns)
+
+        return tuple(sorted(solutions, key=away))
+
+    def velocity_maps(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Matrix, Matrix]:
+        """Return J_X = Qq adj(Xq), J_q = det(Xq): J^-1 = Qq Xq^-1, finite at singularities.
+
+        Xq and Qq are the derivatives of pose and joints by q, those by kappa times |f|.
+        """
+        at = _matching(parameters, pose, joints)
+        rate = rates(parameters, at, scaled=True)
+        x_q = _pose_rates(rate, at.rotation)
+        adjugate = np.cross(x_q[[1, 2, 0]], x_q[[2, 0, 1]]).T
+        cb = math.cos(pose["beta"])
+        j_x = rate.joints @ adjugate @ np.diag([1.0, cb, cb * cb])
+        return j_x, float(x_q[0] @ adjugate[:, 0]) * np.eye(3)
+
+    def singularity_measures(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> dict[str, dict[str, float]]:
+        """Return what vanishes where links or coordinates lose a freedom, all in [-1, 1].
+
+        Inverse: cos eta1 for limb 1; for both UU limbs together dP_x/dv / (L + R), 0 where P_x is
+        extreme. Forward: cos(kappa + d2), 0 where link 2 is in line with the coupler, and the
+        cosine between the velocity of P1 by psi and the direction theta1 moves it; ``platform``
+        is their product.
+        """
+        _, _, length, _, big_r = _lengths(parameters)
+        at = _matching(parameters, pose, joints)
+        x_q = _pose_rates(rates(parameters, at, scaled=True), at.rotation)
+        across, o = at.rotation[:, 0], at.rotation[:, 1]
+        # rho^2 = L^2 / (excess + 1); the determinant is |f| cos phi cos^2 beta dP_x/dv.
+        shrink = (across[0] ** 2 + across[1] ** 2) * math.sqrt(max(at.bar[0] + 1.0, TINY))
+        extreme = -float(np.linalg.det(x_q) / (max(shrink, TINY) * (length + big_r)))
+        direction = np.array([math.cos(at.theta1), 0.0, -math.sin(at.theta1)])
+        in_line = math.cos(at.q[1] + at.delta2)
+        lever = float(direction @ np.cross(o, across))
+        return {
+            "inverse": {"limb 1": math.cos(at.eta1), "limb 2": extreme, "limb 3": extreme},
+            "forward": {"platform": in_line * lever, "link 2": in_line, "limb 1": lever},
+        }
+
+    def velocity_map_units(self) -> dict[str, str]:
+        """Return the units of J_X and J_q."""
+        return {
+            "J_X": "columns in rad; m; m",
+            "J_q": "m, times the identity",
+        }
+
+    def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
+        """Say whether the links or the platform's turn can not be assembled."""
+        _, c, length, _, _ = _lengths(parameters)
+        span = _span(parameters, joints)
+        if span > length + 2 * c or span < abs(length - 2 * c):
+            return (
+                f"P3 is {span:.6g} m from B2, which link 2 and the platform's side do not span "
+                f"(from {abs(length - 2 * c):.6g} to {length + 2 * c:.6g} m)"
+            )
+        return "no turn of the platform about P2P3 brings P1 in line with theta1"
+
+    def platform(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Matrix, Vector]:
+        """Return Rot and P."""
+        at = self.at(parameters, pose, working_mode)
+        return at.rotation, at.centre
+
+    def at(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> Configuration:
+        """Return the mechanism at a pose.
+
+        Raises
+        ------
+        UnreachableError
+            If the working mode has no solution there.
+        """
+        mode = self.check_mode(working_mode)
+        found = _root(parameters, pose, mode)
+        if found is None:
+            shown = ", ".join(f"{k}={v!r}" for k, v in pose.items())
+            raise UnreachableError(f"{self.name} can not reach {shown} in working mode {mode}")
+        return found
+
+    def layout(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Chain, ...]:
+        """Return the limbs; the axes are those theta1, eta1, phi, delta2 and delta3 turn about."""
+        at = self.at(parameters, pose, working_mode)
+        y, o, n = np.array([0.0, 1.0, 0.0]), at.rotation[:, 1], at.normal
+        across = np.array([-math.cos(at.theta1), 0.0, math.sin(at.theta1)])
+        b1, b2, b3 = at.base
+        p1, p2, p3 = at.ends
+        return (
+            Chain("limb 1", (
+                Joint("U", b1, (y, across), drive=("theta1", 0)),
+                Joint("P", b1, (at.directions[0],)),
+                Joint("S", p1),
+            )),
+            Chain("limb 2", (
+                Joint("U", b2, (y, -n), drive=("phi", 0)),
+                Joint("U", p2, (n, o)),
+            )),
+            Chain("limb 3", (
+                Joint("U", b3, (y, -n), drive=("delta3", 1)),
+                Joint("U", p3, (n, o)),
+            )),
+        )  # fmt: skip
+
+    def alternative_layout(self, parameters: Parameters, name: str) -> tuple[Chain, ...]:
+        """Return the paper's limbs with the platform centred and level above the base."""
+        if name not in self.layouts:
+            raise unknown_name("layout", name, self.layouts)
+        _, _, length, r, big_r = _lengths(parameters)
+        rise = length**2 - (r - big_r) ** 2
+        if rise <= 0.0:
+            raise UnreachableError(
+                f"{self.name}: L = {length!r} m does not reach a centred platform"
+            )
+        chains = []
+        for k in range(3):
+            turn = 2 * math.pi / 3 * k
+            radial = np.array([math.cos(turn), math.sin(turn), 0.0])
+            tangent = np.array([-math.sin(turn), math.cos(turn), 0.0])
+            base, end = r * radial, big_r * radial + [0.0, 0.0, math.sqrt(rise)]
+            # Limb 1's slider is driven by its first axis; so are the others by theirs.
+            lower = Joint("U", base, (radial, tangent), drive=(self.joints[k].name, int(k == 2)))
+            slider = (Joint("P", base, ((end - base) / length,)),) if k == 0 else ()
+            upper = Joint("U", end, (tangent, radial))
+            chains.append(Chain(f"limb {k + 1}", (lower, *slider, upper)))
+        return tuple(chains)
+
+    def kernel_constants(
+        self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
+    ) -> list[float]:
+        """Return the constants in the order :func:`kernel` and :func:`skeleton` unpack them."""
+
+        def arc(name: str) -> list[float]:
+            low, high = limits.get(name, (-math.inf, math.inf))
+            # A full turn excludes nothing, not even by rounding.
+            if not high - low < 2 * math.pi:
+                return [1.0, 0.0, -2.0]
+            middle = (low + high) / 2
+            return [math.cos(middle), math.sin(middle), math.cos((high - low) / 2) - 4e-16]
+
+        home = _root(parameters, self.home(parameters), working_mode)
+        # Without a home there is nothing to measure from: every cone angle counts as 90 degrees.
+        references = np.zeros((3, 3)) if home is None else home.directions @ home.rotation
+        return [
+            *_geometry(parameters, working_mode), length,
+            *arc("theta1"), *arc("phi"), *arc("delta3"),
+            *limits.get("l1", (-math.inf, math.inf)),
+            *arc("eta1"), *arc("delta2"), *arc("kappa"), *arc("psi"),
+            *references.ravel().tolist(),
+        ]  # fmt: skip
+
+
+def assemblies(parameters: Parameters, joints: Mapping[str, float]) -> list[Configuration]:
+    """Return the assembled mechanism for joint positions: 0, 2 or 4, equal ones included."""
+    a, c, length, r, big_r = _lengths(parameters)
+    phi, d3, t1 = joints["phi"], joints["delta3"], joints["theta1"]
+    p3 = np.array([-a + length * math.sin(d3), length * math.cos(d3)])
+    between = np.array([a, 0.0]) - p3
+    span = float(np.hypot(*between))
+    if span <= TINY:
+        return []
+    along = (4 * c**2 - length**2 + span**2) / (2 * span)
+    square = 4 * c**2 - along**2
+    if square < -1e-12 * length**2:
+        return []
+    rise = math.sqrt(max(square, 0.0))
+    forth = between / span
+    left = np.array([-forth[1], forth[0]])
+    found = []
+    for side in (1.0, -1.0):
+        coupler = (along * forth + side * rise * left) / (2 * c)
+        ym, hm = p3 + c * coupler
+        ck, sk = float(coupler[0]), float(coupler[1])
+        kappa = math.atan2(sk, ck)
+        # The sign of f, from the longer of M's coordinates.
+        sign = 1.0 if ym * c * sk + hm * (a - c * ck) >= 0.0 else -1.0
+        sphi, cphi = math.sin(phi), math.cos(phi)
+        # (w . direction of theta1's motion) = p cos psi + q sin psi + k
+        arm = 1.5 * big_r
+        cos_t, sin_t = math.cos(t1), math.sin(t1)
+        p = arm * (cphi * cos_t + sphi * sin_t)
+        q = arm * ck * (cphi * sin_t - sphi * cos_t)
+        k = (hm * sphi - 1.5 * r) * cos_t - hm * cphi * sin_t
+        size = math.hypot(p, q)
+        if size <= TINY or abs(k) > size * (1 + 1e-12):
+            continue
+        middle, half = math.atan2(q, p), math.acos(min(max(-k / size, -1.0), 1.0))
+        for psi in (middle + half, middle - half):
+            at = configuration(parameters, np.array([phi, kappa, wrap_angle(psi)]), sign)
+            w = at.ends[0] - at.base[0]
+            if w[0] * sin_t + w[2] * cos_t > 0.0:
+                found.append(at)
+    return found
+
+
+def _lengths(parameters: Parameters) -> tuple[float, float, float, float, float]:
+    """Return a, c, L, r and R: half the sides, the link and the radii."""
+    base, side, length = (float(parameters[k] or 0.0) for k in ("bs", "ps", "L"))
+    return base / 2, side / 2, length, base / math.sqrt(3), side / math.sqrt(3)
+
+
+def _geometry(parameters: Parameters, mode: str) -> list[float]:
+    """Return what :func:`uup_pose` needs, length before r: a, c, L^2, L, r, R, s, up, far_cos."""
+    a, c, length, r, big_r = _lengths(parameters)
+    up = MODE_SIGNS[mode]
+    # The cotangent of the largest |kappa|, where rho = L.
+    cosine = (a * a + c * c - length * length) / (2 * a * c)
+    far = cosine / math.sqrt(1 - cosine * cosine) if abs(cosine) < 1 else math.copysign(1e9, cosine)
+    return [a, c, length**2, length, r, big_r, up if a >= c else -up, up, far]
+
+
+def _about_y(angle: float) -> Matrix:
+    s, c = math.sin(angle), math.cos(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _yaw(rotation: Matrix, beta: float) -> float:
+    """Return alpha of Rot = Rz(alpha) Ry(beta) Rx(gamma)."""
+    sign = 1.0 if math.cos(beta) >= 0.0 else -1.0
+    return math.atan2(sign * rotation[1, 0], sign * rotation[0, 0])
+
+
+def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
+    """Return the rates of x, of beta times cos beta and of gamma times cos^2 beta, by q."""
+    across, w = rotation[:, 0], rate.angular
+    return np.array(
+        [rate.centre[0], across[0] * w[1] - across[1] * w[0], across[0] * w[0] + across[1] * w[1]]
+    )
+
+
+def _curve(pose: Mapping[str, float]) -> tuple[float, float, float, float]:
+    """Return m, mu, sin w and cos w."""
+    m = math.cos(pose["beta"]) * math.sin(pose["gamma"])
+    rise, level = math.sin(pose["beta"]), math.cos(pose["beta"]) * math.cos(pose["gamma"])
+    mu = math.hypot(rise, level) + TINY
+    return m, mu, rise / mu, level / mu
+
+
+def _q(u: float, curve: tuple[float, float, float, float]) -> Vector:
+    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, *curve)
+    return np.array([math.atan2(sphi, cphi), math.atan2(sk, ck), math.atan2(spsi, cpsi)])
+
+
+def _nearest(
+    parameters: Parameters, pose: Mapping[str, float], mode: str
+) -> tuple[Vector, float, float, float]:
+    """Return q where P_x is nearest to x as the kernel finds it, the miss, the slope and s."""
+    a, c, l2, _, r, big_r, s, up, far = _geometry(parameters, mode)
+    miss, slope, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
+        pose["x"], pose["beta"], pose["gamma"], (a, c, l2, r, big_r, s, up, far)
+    )
+    q = np.array([math.atan2(sphi, cphi), math.atan2(sk, ck), math.atan2(spsi, cpsi)])
+    return q, miss, slope, s
+
+
+def _root(parameters: Parameters, pose: Mapping[str, float], mode: str) -> Configuration | None:
+    """Return the mode's root of P_x = x by a scan in fine cells and bisection, if there is one.
+
+    The cells end where P_x crosses x or turns back; bisection then keeps what lies before both.
+    """
+    a, c, l2, length, r, big_r, s, up, far_cos = _geometry(parameters, mode)
+    curve = _curve(pose)
+    end = min(max(abs(curve[0]) * far_cos / curve[1], -1.0), 1.0)
+    far = min(math.sqrt((1 - end) / (1 + end + TINY)), uup_FAR)
+    x = pose["x"] + r / 2
+
+    def across(u: float) -> tuple[float, float]:
+        value, slope, _, _ = uup_across(u, *curve, a, c, l2, big_r / 2, s)
+        return up * (value - x), up * slope
+
+    start, slope = across(0.0)
+    if slope <= 0.0:
+        return None
+    side = 1.0 if start < 0.0 else -1.0
+    low = high = 0.0
+    for j in range(1, FINE + 1):
+        part = j / FINE
+        high = part / (1 - part + part / far) if far > 0.0 else 0.0
+        miss, slope = across(side * high)
+        if side * miss >= 0.0 or slope <= 0.0:
+            break
+        low = high
+    for _ in range(100):
+        middle = (low + high) / 2
+        if middle in (low, high):
+            break
+        miss, slope = across(side * middle)
+        if side * miss < 0.0 < slope:
+            low = middle
+        else:
+            high = middle
+    if side * across(side * high)[0] < -uup_CLOSE * length:
+        return None
+    at = configuration(parameters, _q(side * high, curve), s)
+    return at if at.bar[0] >= 0.0 else None
+
+
+def _matching(
+    parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+) -> Configuration:
+    """Return the configuration of a pose that has these joint positions, in any working mode."""
+    a, c, length, _, _ = _lengths(parameters)
+    m, _, sw, cw = _curve(pose)
+    phi, d3 = joints["phi"], joints["delta3"]
+    sphi, cphi = math.sin(phi), math.cos(phi)
+    p3 = np.array([-a + length * math.sin(d3), length * math.cos(d3)])
+    # o's height is cos phi sin kappa = m; P2 tells on which side of a right angle kappa is.
+    sk = min(max(m / cphi if cphi else 0.0, -1.0), 1.0)
+    size = math.sqrt(1 - sk * sk)
+
+    def gap(ck: float) -> float:
+        return abs(math.hypot(*(p3 + 2 * c * np.array([ck, sk]) - [a, 0.0])) - length)
+
+    ck = min((size, -size), key=gap)
+    ym, hm = p3 + c * np.array([ck, sk])
+    sign = 1.0 if ym * c * sk + hm * (a - c * ck) >= 0.0 else -1.0
+    psi = math.atan2(sw, cw) - math.atan2(sphi, cphi * ck)
+    return configuration(parameters, np.array([phi, math.atan2(sk, ck), psi]), sign)
+
+
+def _span(parameters: Parameters, joints: Mapping[str, float]) -> float:
+    """Return the distance of P3 from B2."""
+    a, _, length, _, _ = _lengths(parameters)
+    d3 = joints["delta3"]
+    return math.hypot(length * math.sin(d3) - 2 * a, length * math.cos(d3))
+
+
+MECHANISM = UuUpu()

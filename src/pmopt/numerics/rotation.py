@@ -1,0 +1,44 @@
+"""Rotations of many poses at once, for what is no kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def rotation_matrices(angles: Array) -> tuple[Array, Array]:
+    """Return Rz Ry Rx and the axes of its three rates.
+
+    Parameters
+    ----------
+    angles : (N, 3) float64
+        About z, y and x.
+
+    Returns
+    -------
+    rotations : (N, 3, 3) float64
+    axes : (N, 3, 3) float64
+        The angular velocity is ``axes @ rates``.
+    """
+    (sz, sy, sx), (cz, cy, cx) = np.sin(angles).T, np.cos(angles).T
+    zero, one = np.zeros_like(sz), np.ones_like(sz)
+    rotations = np.array([
+        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+        [-sy, cy * sx, cy * cx],
+    ])  # fmt: skip
+    axes = np.array([[zero, -sz, cz * cy], [zero, cz, sz * cy], [one, zero, -sy]])
+    return np.moveaxis(rotations, 2, 0), np.moveaxis(axes, 2, 0)
+
+
+def main_range(angles: Array) -> Array:
+    """Return the same rotations with the middle angle in [-pi/2, pi/2], all in (-pi, pi]."""
+    turned = angles.copy()
+    turned[:, 1] = np.remainder(turned[:, 1] + np.pi, 2 * np.pi) - np.pi
+    over = np.abs(turned[:, 1]) > np.pi / 2
+    turned[over] = np.stack(
+        [turned[over, 0] + np.pi, np.pi - turned[over, 1], turned[over, 2] + np.pi], axis=1
+    )
+    return np.asarray(np.pi - np.remainder(np.pi - turned, 2 * np.pi))

@@ -1,0 +1,129 @@
+"""Shared kernel functions against plain oracles: trigonometry, distances, conditioning, Newton."""
+
+import math
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from pmopt.numerics import specialise
+from pmopt.numerics.clearance import segment_distance2
+from pmopt.numerics.newton import distinct, newton
+from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
+
+angles = st.floats(-20, 20)
+points = st.lists(st.floats(-2, 2), min_size=12, max_size=12)
+
+
+@given(angles)
+def test_sin_cos(angle):
+    sine, cosine = sin_cos(angle)
+    assert sine == pytest.approx(math.sin(angle), abs=2e-15)
+    assert cosine == pytest.approx(math.cos(angle), abs=2e-15)
+
+
+@pytest.mark.parametrize("quarter", range(-8, 9))
+def test_sin_cos_at_quarter_turns(quarter):
+    """On both sides of every change of quadrant."""
+    for angle in (quarter * math.pi / 4 + d for d in (-1e-9, 0.0, 1e-9)):
+        assert sin_cos(angle) == pytest.approx((math.sin(angle), math.cos(angle)), abs=1e-15)
+
+
+@given(angles, angles, angles)
+def test_roll_pitch_yaw(z, y, x):
+    wanted = Rotation.from_euler("ZYX", [z, y, x]).as_matrix()
+    np.testing.assert_allclose(np.reshape(roll_pitch_yaw(z, y, x), (3, 3)), wanted, atol=1e-14)
+
+
+@given(points)
+def test_segment_distance(ends):
+    """Against a minimisation from both ends and the middle of each segment."""
+    a, b, c, d = np.reshape(ends, (4, 3))
+
+    def square(p):
+        return float((((a + p[0] * (b - a)) - (c + p[1] * (d - c))) ** 2).sum())
+
+    starts = [(s, t) for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)]
+    wanted = min(
+        minimize(square, start, bounds=[(0, 1)] * 2, options={"ftol": 1e-15, "gtol": 1e-12}).fun
+        for start in starts
+    )
+    assert segment_distance2(*ends) == pytest.approx(wanted, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("ends", "distance"),
+    [
+        ((0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0), 1.0),  # parallel
+        ((0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0), 1.0),  # in line
+        ((0, 0, 0, 1, 0, 0, 0.5, -1, 0.3, 0.5, 1, 0.3), 0.3),  # crossing
+        ((0, 0, 0, 0, 0, 0, 0, 3, 4, 0, 3, 4), 5.0),  # two points
+        ((0, 0, 0, 2, 0, 0, 3, 1, 0, 3, 5, 0), math.sqrt(2)),  # end to end
+        ((0, 0, 0, 4, 0, 0, 3, 2, 0, 1, 2, 0), 2.0),  # antiparallel, overlapping
+    ],
+)
+def test_segment_distance_of_known_cases(ends, distance):
+    assert math.sqrt(segment_distance2(*map(float, ends))) == pytest.approx(distance, abs=1e-12)
+
+
+def kernel4(a, b, c, d, constants):
+    e = constants[0]
+    return (
+        1.0, a, b * a, c, d, d + b, a * e, c * c, b, a - c, b + d * d, c, d * a, a * b, b * c,
+        c * d, d + e,
+    )  # fmt: skip
+
+
+def kernel5(a, b, c, d, f, constants):
+    e = constants[0]
+    return (
+        1.0, a, b * a, c, d, f, d + b, a * e, c * c, b, f * f, a - c, b + d * d, c, d * a, f,
+        a * b, b * c, c * d, d + e, f - a, f, a, b, c * c, d,
+    )  # fmt: skip
+
+
+def still4(a, b, c, d, constants):
+    return (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def still5(a, b, c, d, f, constants):
+    return (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("norm", ["2", "fro"])
+@pytest.mark.parametrize(("order", "kernel", "still"), [(4, kernel4, still4), (5, kernel5, still5)])
+def test_conditioning_of_larger_matrices(order, kernel, still, norm):
+    """Blocks of Jacobi rotations against LAPACK, singular and zero matrices among them."""
+    module = specialise.specialise(
+        specialise.Recipe(kernel, still, order, 1, order, norm, (), (), 0)
+    )
+    poses = np.random.default_rng(5).uniform(-1, 1, (order, 3 * 512 + 17))
+    poses[:, 3] = 0.0
+    poses[0, 4:8] = 1e-9
+    margin, lci = np.empty(poses.shape[1]), np.empty(poses.shape[1])
+    module.field(poses, np.array([0.3]), margin, lci)
+    for pose, found in zip(poses.T.tolist(), lci, strict=True):
+        matrix = np.reshape(kernel(*pose, (0.3,))[1:], (order, order))
+        assert found == pytest.approx(naive.inverse_condition(matrix, norm), abs=1e-11)
+
+
+def test_newton_and_distinct():
+    """Both roots of a circle and a line; a start at a singular slope is given up."""
+
+    def system(x):
+        residual = np.stack([x[:, 0] ** 2 + x[:, 1] ** 2 - 1, x[:, 0] - x[:, 1]], axis=1)
+        slope = np.zeros((len(x), 2, 2))
+        slope[:, 0] = 2 * x
+        slope[:, 1] = (1, -1)
+        return residual, slope
+
+    starts = np.array([[1.0, 0.5], [-1.0, -0.5], [0.9, 0.8], [1.0, -1.0]])
+    found = newton(system, starts)
+    roots = distinct(found, 1e-9)
+    half = math.sqrt(0.5)
+    np.testing.assert_allclose(roots, [[half, half], [-half, -half]], atol=1e-14)
+    assert np.isnan(found[3]).all()

@@ -1,0 +1,161 @@
+"""Limits of real machines: clearances, cone angles, the tool; and the positions reached."""
+
+import math
+
+import numpy as np
+import pytest
+from test_contract import random_poses, reachable, ready
+
+from pmopt.analysis.projection import measure_projection
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace import compute_workspace
+from pmopt.errors import InputError
+from pmopt.mechanisms import find
+from pmopt.numerics.clearance import segment_distance2
+
+
+def columns(poses):
+    return np.array([list(p.values()) for p in poses]).T
+
+
+def skeleton(mechanism, params, pose):
+    """Return position, rotation, segments (s, 2, 3) and cosines of cones, plainly."""
+    flat = np.array(
+        mechanism.skeleton(*pose.values(), ready(mechanism, params, mechanism.working_modes[0]))
+    )
+    ends = 12 + 6 * len(mechanism.segments)
+    assert len(flat) == ends + len(mechanism.cones)
+    return flat[:3], flat[3:12].reshape(3, 3), flat[12:ends].reshape(-1, 2, 3), flat[ends:]
+
+
+def test_skeleton_is_where_the_platform_is(mechanism):
+    """Position, rotation, spokes from the centre, and links that end at the platform's joints."""
+    params = mechanism.resolve({})
+    size = mechanism.characteristic_length(params)
+    assert len(mechanism.spokes) == mechanism.segments.count(-1)
+    for pose, _ in reachable(mechanism, params, 20):
+        position, rotation, segments, cosines = skeleton(mechanism, params, pose)
+        wanted_rotation, wanted = mechanism.platform(params, pose)
+        np.testing.assert_allclose(position, wanted, atol=1e-9 * size)
+        np.testing.assert_allclose(rotation, wanted_rotation, atol=1e-9)
+        joined = iter(mechanism.spokes)
+        for limb, (start, end) in zip(mechanism.segments, segments, strict=True):
+            if limb >= 0:
+                continue
+            np.testing.assert_allclose(start, position, atol=1e-9 * size)
+            met = next(joined)
+            far = [s[1] for n, s in zip(mechanism.segments, segments, strict=True) if n == met]
+            assert far
+            assert min(np.linalg.norm(end - f) for f in far) < 1e-9 * size
+        assert (np.abs(cosines) <= 1 + 1e-12).all()
+
+
+def test_cones_are_closed_at_home(mechanism):
+    params = mechanism.resolve({})
+    *_, cosines = skeleton(mechanism, params, mechanism.home(params))
+    np.testing.assert_allclose(cosines, 1.0, atol=1e-9)
+
+
+def test_margin_with_clearances(mechanism):
+    """Against distances of all pairs of links that are not joined, pose by pose."""
+    params = mechanism.resolve({})
+    size = mechanism.characteristic_length(params)
+    link, platform = 0.25 * size, 0.1 * size
+    settings = WorkspaceSettings(link_diameter=link, platform_diameter=platform)
+    sweeper = Sweeper(mechanism, settings, threads=1)
+    design = sweeper.design(params)
+    poses = [p for p, _ in reachable(mechanism, params, 60)]
+    margin, _ = sweeper.field(design, columns(poses))
+    spokes = iter(mechanism.spokes)
+    joined = [next(spokes) if limb < 0 else limb for limb in mechanism.segments]
+    verdicts = set()
+    for pose, found in zip(poses, margin, strict=True):
+        _, _, segments, _ = skeleton(mechanism, params, pose)
+        free = True
+        for i, a in enumerate(segments):
+            for j, b in enumerate(segments):
+                if mechanism.segments[i] < 0 or joined[i] == joined[j]:
+                    continue
+                least = link if mechanism.segments[j] >= 0 else (link + platform) / 2
+                distance = math.sqrt(segment_distance2(*a.ravel(), *b.ravel()))
+                free = free and distance >= least
+        assert (found >= 0) == free
+        verdicts.add(free)
+    assert verdicts == {True, False} or mechanism.name == "2pauu-ppap"
+
+
+def test_margin_with_cones_and_tool(mechanism):
+    params = mechanism.resolve({})
+    size = mechanism.characteristic_length(params)
+    poses = [p for p, _ in reachable(mechanism, params, 60)]
+    tool = (0.3 * size, -0.2 * size, 0.9 * size)
+    places = []
+    for pose in poses:
+        position, rotation, *_ = skeleton(mechanism, params, pose)
+        places.append(position + rotation @ tool)
+    low, high = np.quantile(places, [0.2, 0.8], axis=0).T[1]
+    settings = WorkspaceSettings(cone_angle=0.5, tool=tool, limits={"tool_y": (low, high)})
+    sweeper = Sweeper(mechanism, settings, threads=1)
+    design = sweeper.design(params)
+    margin, _ = sweeper.field(design, columns(poses))
+    facts = sweeper.probe(design, columns(poses))
+    np.testing.assert_allclose(facts.tool, places, atol=1e-9 * size)
+    np.testing.assert_allclose(facts.margin, margin, rtol=1e-12, atol=1e-14)
+    verdicts = []
+    for pose, place, found in zip(poses, places, margin, strict=True):
+        cosines = skeleton(mechanism, params, pose)[3]
+        free = bool((cosines >= math.cos(0.5)).all() and low <= place[1] <= high)
+        assert (found >= 0) == free
+        verdicts.append(free)
+    assert 0 < sum(verdicts) < len(verdicts)
+
+
+def test_limits_shrink_the_workspace(mechanism):
+    size = mechanism.characteristic_length(mechanism.resolve({}))
+    found = [
+        compute_workspace(
+            mechanism, settings=WorkspaceSettings(samples=1 << 15, **given), shape_grid=0
+        ).volume.value
+        for given in ({}, {"cone_angle": 0.5}, {"link_diameter": 0.5 * size, "cone_angle": 0.5})
+    ]
+    assert found[0] > found[1] >= found[2]
+
+
+def test_tool_limits_need_a_tool(mechanism):
+    with pytest.raises(InputError, match="tool_x"):
+        Sweeper(mechanism, WorkspaceSettings(limits={"tool_x": (0.0, 1.0)}))
+
+
+def test_projected_volume_of_translations_is_the_volume():
+    """2PaUU-PPaP: poses are positions, and their volume is known."""
+    mechanism = find("2pauu-ppap")
+    sweeper = Sweeper(mechanism, WorkspaceSettings())
+    for change in ({}, {"n": 1.0}, {"l1": 1.2, "l2": 0.9}):
+        params = mechanism.resolve(change)
+        found = measure_projection(sweeper, sweeper.design(params))
+        exact = compute_workspace(mechanism, change, shape_grid=0).volume.value
+        assert abs(found.volume.value - exact) < 3 * found.volume.error
+        assert found.volume.error < 0.05 * exact
+
+
+def test_footprint_grows_with_the_base():
+    mechanism = find("2pauu-ppap")
+    sweeper = Sweeper(mechanism, WorkspaceSettings())
+    areas = [
+        measure_projection(sweeper, sweeper.design(mechanism.resolve({"m": m, "n": m})), 1 << 16)
+        for m in (0.8, 1.0, 1.3)
+    ]
+    assert areas[0].footprint.value < areas[1].footprint.value < areas[2].footprint.value
+    assert all(a.footprint.error < 0.05 * a.footprint.value for a in areas)
+
+
+def test_random_poses_are_told_apart(mechanism):
+    """The positions told by a probe are those of the platform, for poses in and out of reach."""
+    params = mechanism.resolve({})
+    poses = random_poses(mechanism, params, 200)
+    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=2)
+    facts = sweeper.probe(sweeper.design(params), columns(poses))
+    assert np.isfinite(facts.position).all()
+    assert np.isfinite(facts.segments).all()
+    assert np.isfinite(facts.entries).all()

@@ -28,6 +28,7 @@ COMMANDS = {
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
     "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
+    "draw": ("pmopt.cli.draw", "Draw a mechanism at a pose."),
     "init": ("pmopt.cli.init", "Write a commented starting configuration."),
     "completion": ("pmopt.cli.completion", "Print the script of shell completion."),
 }

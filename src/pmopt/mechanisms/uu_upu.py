@@ -95,7 +95,7 @@ def uup_bar(sk, ck, a, c, l2, s):  # type: ignore[no-untyped-def]
 
 
 def uup_across(u, m, mu, sw, cw, a, c, l2, half_r, s):  # type: ignore[no-untyped-def]
-    """Return P_x - Bm_x at a point of the curve, and its derivatives by u, by v and by v times |f| cos phi."""
+    """Return P_x - Bm_x at a point of the curve; its rates by u, by v, by v times |f| cos phi."""
     sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, m, mu, sw, cw)
     _, f, _, h, h_k = uup_bar(sk, ck, a, c, l2, s)
     x = h * sphi + half_r * (cphi * cpsi - sphi * ck * spsi)

@@ -39,8 +39,8 @@ CHECK_CONSTANTS = 12
 PLACE = 12
 
 # Contraction only: it fuses multiply and add, and assumes nothing about NaN or infinity.
-# Inlining in numba's own code gives 5 to 8 % faster loops than LLVM's, and for all but small kernels
-# minutes of compilation (3-UPS/SP: 57 s against 8 s).
+# Inlining in numba's own code gives 5 to 8 % faster loops than LLVM's; for all but small kernels
+# it takes minutes to compile (3-UPS/SP: 57 s against 8 s).
 _INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
 _FORCE = '@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")'
 _SMALL = 5000

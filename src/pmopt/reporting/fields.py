@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.aspects import determinants
 from pmopt.analysis.shape import grid_points
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.reporting.surface import surface_nets
 
 #: Grid on which the workspace is located within its box; odd, so that a plane is in the middle.
 _LOCATE = 97
+_MOST_SECTIONS = 6
 #: A workspace counts as symmetric if mirrored areas differ by less than this share of it.
 _SYMMETRIC = 0.02
 #: A section shows something if it has at least this share of the largest section's area.
@@ -42,6 +45,10 @@ class Section:
         A continuous field, >= 0 where reachable, a row a value of the vertical coordinate.
     continued : (n, n) float64
         LCI, continued beyond the limits; 0 out of reach.
+    determinant : (n, n) float64
+        Normalised determinant of the inverse Jacobian: 0 at a forward or constraint singularity.
+    constants : str
+        Where more than one coordinate is constant, all of them in words.
     """
 
     normal: str
@@ -53,6 +60,8 @@ class Section:
     vertical: NDArray[np.float64]
     inside: NDArray[np.float64]
     continued: NDArray[np.float64]
+    determinant: NDArray[np.float64]
+    constants: str = ""
 
     @property
     def lci(self) -> NDArray[np.float64]:
@@ -62,7 +71,7 @@ class Section:
     @property
     def plane(self) -> str:
         """The plane in words, e.g. ``y = 0 m``."""
-        return plane(self.normal, self.level, self.normal_unit)
+        return self.constants or plane(self.normal, self.level, self.normal_unit)
 
 
 @dataclass(frozen=True)
@@ -100,7 +109,10 @@ class _Location:
 
 
 def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> tuple[Section, ...]:
-    """Return three sections, one across each coordinate; () unless there are three.
+    """Return three sections, one across each of three coordinates, or some through home.
+
+    With more coordinates than three each section shows two of them, the others at home; of five
+    coordinates six pairs are shown, every one of length and every one of angles with others.
 
     Parameters
     ----------
@@ -110,7 +122,9 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
         Points along each axis of a section.
     """
     pose = sweeper.mechanism.pose
-    if len(pose) != 3:
+    if len(pose) > 3:
+        return _sections_through_home(sweeper, design, resolution)
+    if len(pose) < 3:
         return ()
     place = _locate(sweeper, design)
     sections = []
@@ -133,6 +147,55 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
                 vertical=axes[1],
                 inside=inside,
                 continued=lci,
+                determinant=determinants(sweeper, design, poses).reshape(count, count),
+            )
+        )
+    return tuple(sections)
+
+
+def _sections_through_home(
+    sweeper: Sweeper, design: Design, resolution: int
+) -> tuple[Section, ...]:
+    mechanism = sweeper.mechanism
+    home = mechanism.home(design.parameters)
+    pairs = list(itertools.combinations(range(len(mechanism.pose)), 2))
+    if len(pairs) > _MOST_SECTIONS:
+        # Neighbours first, (x, y), (alpha, beta), .., then those a step further apart.
+        pairs = sorted(sorted(pairs, key=lambda p: (p[1] - p[0], p))[:_MOST_SECTIONS])
+    sections = []
+    for across, up in pairs:
+        low, high = design.lower, design.lower + design.width
+        for count in (_LOCATE, resolution):
+            axes = [np.linspace(low[k], high[k], count) for k in (across, up)]
+            poses = np.repeat(np.array([list(home.values())]).T, count * count, axis=1)
+            poses[across], poses[up] = (a.ravel() for a in np.meshgrid(*axes))
+            inside, lci = (v.reshape(count, count) for v in _inside(sweeper, design, poses))
+            if count == _LOCATE and (inside >= 0).any():
+                rows, columns = np.nonzero(inside >= 0)
+                low, high = low.copy(), high.copy()
+                for k, some, axis in ((across, columns, axes[0]), (up, rows, axes[1])):
+                    low[k] = axis[max(some.min() - 2, 0)]
+                    high[k] = axis[min(some.max() + 2, count - 1)]
+        constants = [
+            f"{c.name} = {home[c.name]:.4g} {mechanism.unit(c)}"
+            for k, c in enumerate(mechanism.pose)
+            if k not in (across, up)
+        ]
+        sections.append(
+            Section(
+                normal="",
+                normal_unit="",
+                level=0.0,
+                names=(mechanism.pose[across].name, mechanism.pose[up].name),
+                units=(mechanism.unit(mechanism.pose[across]), mechanism.unit(mechanism.pose[up])),
+                horizontal=axes[0],
+                vertical=axes[1],
+                inside=inside,
+                continued=lci,
+                determinant=determinants(sweeper, design, poses).reshape(count, count),
+                constants=",\n".join(
+                    ", ".join(constants[i : i + 2]) for i in range(0, len(constants), 2)
+                ),
             )
         )
     return tuple(sections)

@@ -9,12 +9,13 @@ from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.workspace import WorkspaceResult, compute_workspace
 from pmopt.errors import InputError
 from pmopt.reporting import plots
-from pmopt.reporting.fields import section_fields, surface_field
+from pmopt.reporting.drawing import draw_mechanism
+from pmopt.reporting.fields import Section, section_fields, surface_field
 from pmopt.reporting.run_folder import read_manifest
 from pmopt.reporting.tasks import WorkspaceTask
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import pandas as pd
 
@@ -29,9 +30,38 @@ def of_workspace(
     mesh, sections = surface_field(sweeper, design), section_fields(sweeper, design)
     if mesh is not None:
         drawn["workspace.png"] = plots.draw_surface(mesh, result)
-    if sections:
-        drawn["sections.png"] = plots.draw_sections(sections, result)
-    return drawn
+    return drawn | _drawn_sections(sections, result) | _drawn_mechanism(task)
+
+
+def _drawn_sections(sections: Sequence[Section], result: WorkspaceResult) -> dict[str, bytes]:
+    """Return the sections, three a picture."""
+    return {
+        f"sections{f'_{k // 3 + 1}' if k else ''}.png": plots.draw_sections(
+            sections[k : k + 3], result
+        )
+        for k in range(0, len(sections), 3)
+    }
+
+
+def _drawn_mechanism(task: WorkspaceTask) -> dict[str, bytes]:
+    """Return the mechanism at home, nothing where the design does not reach it."""
+    mechanism, parameters = task.mechanism, task.parameters
+    mode = mechanism.check_mode(task.settings.working_mode)
+    home = mechanism.home(parameters)
+    if not any(s.working_mode == mode for s in mechanism.inverse(parameters, home)):
+        return {}
+    return {"mechanism.png": draw_mechanism(mechanism, parameters, home, mode)}
+
+
+def of_singularities(task: WorkspaceTask, threads: int | None = None) -> dict[str, bytes]:
+    """Return sections with the singular loci by file name."""
+    result = compute_workspace(
+        task.mechanism, task.parameters, task.settings, seed=task.seed, threads=threads,
+        shape_grid=0,
+    )  # fmt: skip
+    sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
+    sections = section_fields(sweeper, sweeper.design(task.parameters))
+    return _drawn_sections(sections, result) | _drawn_mechanism(task)
 
 
 def of_pareto(
@@ -101,6 +131,9 @@ def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
                 shape_grid=0,
             )  # fmt: skip
             return of_workspace(task, result, threads)
+        if manifest["command"] == "singularities":
+            task = WorkspaceTask.from_dict(manifest["config"], str(folder))
+            return of_singularities(task, threads)
         import pandas as pd
 
         tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("front", "history")}

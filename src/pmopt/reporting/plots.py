@@ -45,6 +45,7 @@ _CUT = np.array([0.0, -1.0, 0.0])
 #: Largest ratio of sides that are drawn to one scale.
 _MOST_SLENDER = 8.0
 _BINS = 100
+SINGULAR = "#ff3b1f"
 _NO_SCALE = "sides not to one scale"
 _STEPS = [1, 2, 2.5, 5, 10]
 
@@ -113,7 +114,8 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
     remarks = [] if sides is true else [_NO_SCALE]
     sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
     left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
-    size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + 0.9])
+    head = 0.9 + 0.15 * max(section.plane.count("\n") for section in sections)
+    size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + head])
     edges = list(result.settings.regions[1:-1])
     with new_figure(*size) as figure:
         from matplotlib.ticker import MaxNLocator
@@ -133,6 +135,7 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
             bar.ax.axhline(edge, color="white", linewidth=1.0)
         bar.set_label(index_label(result))
         remarks += ["white lines: edges of the dexterity regions"] if edges else []
+        remarks += ["red lines: forward or constraint singularity"]
         write_caption(figure, result, remarks)
         return to_png(figure)
 
@@ -153,6 +156,12 @@ def _draw_section(axes: Axes, section: Section, largest: float, edges: Sequence[
     outline = PathPatch(filled.get_paths()[0], fill=False, edgecolor=INK, linewidth=0.9)
     filled.remove()
     axes.add_patch(outline)
+    sign = np.sign(section.determinant)
+    if sign.min() < sign.max():
+        # Only within reach: beyond it the determinant says nothing.
+        reached = np.where(section.inside >= 0, section.determinant, np.nan)
+        if np.nanmin(reached) < 0 < np.nanmax(reached):
+            axes.contour(x, y, reached, [0.0], colors=[SINGULAR], linewidths=1.4, zorder=4)
     dx, dy = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
     extent = (x[0] - dx, x[-1] + dx, y[0] - dy, y[-1] + dy)
     image = axes.imshow(

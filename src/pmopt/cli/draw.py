@@ -1,0 +1,57 @@
+"""``pmopt draw``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pmopt.analysis.kinematics import inverse_kinematics
+from pmopt.cli import options
+from pmopt.cli.output import emit, notifier
+from pmopt.errors import InputError
+from pmopt.mechanisms import Mechanism
+from pmopt.reporting.table import Table
+
+
+@click.command("draw")
+@options.mechanism_argument
+@click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="Default: the home pose.")
+@options.params_option
+@click.option("--working-mode", help="Default: the mechanism's first.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.png",
+              help="The picture.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Overwrite the file.")
+@options.common_options
+def draw_command(
+    mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
+    working_mode: str | None, out: Path, force: bool, form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Draw the mechanism at a pose: links, joints, platform.
+
+    \b
+    Example:
+      pmopt draw 3-cur --pose z=0.35,beta=0.25,gamma=0.15 --out 3-cur.png --force
+    """
+    from pmopt.files import write_atomic
+    from pmopt.reporting.drawing import draw_mechanism
+
+    if out.exists() and not force:
+        raise InputError(f"--out: {out} exists; --force overwrites it")
+    parameters = options.design_parameters(mechanism, params)
+    mode = mechanism.check_mode(working_mode, "--working-mode")
+    given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
+    found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
+    picture = draw_mechanism(mechanism, parameters, found.pose, mode)
+    try:
+        write_atomic(out, picture)
+    except OSError as error:
+        raise InputError(f"--out: {out}: can not write: {error.strerror or error}") from None
+    notifier(quiet)(f"written to {out}")
+    rows = tuple((name, value, found.units[name]) for name, value in found.pose.items())
+    emit(
+        form,
+        {"mechanism": mechanism.name, "file": str(out), "pose": found.pose, "working_mode": mode,
+         "units": found.units},
+        [Table(f"{mechanism.name}, {mode}", ("coordinate", "value", "unit"), rows, {})],
+    )  # fmt: skip

@@ -1,0 +1,170 @@
+"""The mechanism itself at a pose: links, joints and platform as a static 3-D picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.mechanisms.base import PLATFORM, Mechanism, Parameters
+from pmopt.reporting.canvas import FAINT, INK, fit_axes, label, new_figure, parameter_text, to_png
+
+#: Marker of each kind of joint.
+_MARKERS = {"R": "o", "P": "s", "C": "h", "U": "D", "S": "P", "Pa": "^"}
+_NAMES = {
+    "R": "revolute", "P": "prismatic", "C": "cylindrical", "U": "universal", "S": "spherical",
+    "Pa": "parallelogram",
+}  # fmt: skip
+_LIMBS = ("#2f5d8a", "#c1573b", "#4f8a4f", "#8a5aa8", "#b08a2e")
+_ACTUATED = "#e3342f"
+#: Elevation and azimuth of the view in degrees.
+_VIEW = (16.0, -62.0)
+
+
+def draw_mechanism(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    pose: Mapping[str, float],
+    working_mode: str | None = None,
+) -> bytes:
+    """Draw a mechanism at a reachable pose.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    parameters : mapping
+        Complete.
+    pose : mapping
+        Reachable in the working mode.
+    working_mode : str, optional
+        Default: the mechanism's first.
+
+    Returns
+    -------
+    bytes
+        PNG.
+    """
+    mode = mechanism.check_mode(working_mode)
+    constants = mechanism.kernel_constants(parameters, mode, 1.0, {})
+    flat = np.array(mechanism.skeleton(*pose.values(), tuple(constants)))
+    first = 12
+    segments = flat[first : first + 6 * len(mechanism.segments)].reshape(-1, 2, 3)
+    chains = mechanism.layout(parameters, pose, mode)
+    order = [k for k in range(3) if k != mechanism.vertical] + [mechanism.vertical]
+    corners = [
+        end[1] for limb, end in zip(mechanism.segments, segments, strict=True) if limb == PLATFORM
+    ]
+    places = np.concatenate(
+        [segments.reshape(-1, 3), [j.point for chain in chains for j in chain.joints]]
+    )[:, order]
+    with new_figure(7.0, 6.0) as figure:
+        axes: Any = figure.add_axes((0.1, 0.1, 0.8, 0.8), projection="3d")
+        axes.view_init(*_VIEW)
+        axes.set_proj_type("ortho")
+        _draw_platform(axes, np.array(corners)[:, order], flat[:3][order])
+        for number, chain in enumerate(chains):
+            colour = _LIMBS[number % len(_LIMBS)]
+            own = [
+                s for limb, s in zip(mechanism.segments, segments, strict=True) if limb == number
+            ]
+            joints = [joint.point for joint in chain.joints]
+            if own:
+                # A column or rail along which the first joint slides.
+                rail = np.array([joints[0], own[0][0]])[:, order]
+                axes.plot(*rail.T, color=colour, linewidth=1.2, linestyle=":", zorder=2)
+            for line in own or [np.array(joints)]:
+                axes.plot(*line[:, order].T, color=colour, linewidth=3.0, solid_capstyle="round",
+                          zorder=3)  # fmt: skip
+            _draw_joints(axes, chain.joints, number + 1, order, colour)
+        bases = np.array([chain.joints[0].point for chain in chains])[:, order]
+        ring = np.vstack([bases, bases[:1]])
+        axes.plot(*ring.T, color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
+        low, high = places.min(axis=0), places.max(axis=0)
+        # A flat mechanism gets some depth: its labels would meet.
+        half = np.maximum((high - low) / 2, 0.15 * float((high - low).max())) * 1.06
+        low, high = (low + high) / 2 - half, (low + high) / 2 + half
+        axes.set_box_aspect(high - low)
+        names = np.array(["x", "y", "z"])[order]
+        for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
+            getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
+            axis.set_label_text(label(str(names[k]), mechanism.length_unit))
+            axis.set_pane_color("white")
+            from matplotlib.ticker import MaxNLocator
+
+            count = 2 + round(4 * (high[k] - low[k]) / float((high - low).max()))
+            axis.set_major_locator(MaxNLocator(count))
+        if mechanism.vertical == 0:
+            axes.invert_zaxis()  # the paper's x points downwards
+        fit_axes(figure, axes, (0.03, 0.06, 0.74, 0.8))
+        _write_legend(figure, mechanism, chains)
+        units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
+        units |= {c.name: mechanism.unit(c) for c in mechanism.pose}
+        shown = {k: v for k, v in parameters.items() if v is not None}
+        figure.text(0.02, 0.97, f"{mechanism.name}: {parameter_text(shown, units)}", va="top",
+                    fontsize=10.5)  # fmt: skip
+        figure.text(0.02, 0.93, f"at {parameter_text(pose, units)}, working mode {mode}",
+                    va="top", fontsize=8.5, color="#555555")  # fmt: skip
+        return to_png(figure)
+
+
+def _draw_platform(axes: Any, corners: NDArray[np.float64], centre: NDArray[np.float64]) -> None:
+    """Draw the platform: the polygon of its joints around the centre."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    if len(corners) == 2:
+        axes.plot(*corners.T, color=INK, linewidth=4.0, solid_capstyle="round", zorder=2)
+        return
+    arms = corners - corners.mean(axis=0)
+    _, _, basis = np.linalg.svd(arms)
+    around = np.argsort(np.arctan2(arms @ basis[1], arms @ basis[0]))
+    axes.add_collection3d(
+        Poly3DCollection([corners[around]], facecolor="#d9dde2", edgecolor=INK, alpha=0.75),
+        autolim=False,
+    )
+    axes.scatter(*centre[:, None], color=INK, s=12, zorder=5)
+    axes.text(*centre, " P", fontsize=8, zorder=6)
+
+
+def _draw_joints(axes: Any, joints: Any, number: int, order: list[int], colour: str) -> None:
+    """Draw markers and names; joints at one place share a label."""
+    labels: list[tuple[NDArray[np.float64], str]] = []
+    for joint in joints:
+        place = joint.point[order]
+        face = _ACTUATED if joint.drive else "white"
+        axes.scatter(*place[:, None], marker=_MARKERS[joint.kind], s=46, facecolor=face,
+                     edgecolor=colour, linewidth=1.3, depthshade=False, zorder=5)  # fmt: skip
+        for k, (other, text) in enumerate(labels):
+            if np.allclose(other, place):
+                labels[k] = other, f"{text},{joint.kind}{number}"
+                break
+        else:
+            labels.append((place, f"{joint.kind}{number}"))
+    for place, text in labels:
+        axes.text(*place, f"  {text}", fontsize=7.5, color=colour, zorder=6)
+
+
+def _write_legend(figure: Any, mechanism: Mechanism, chains: Any) -> None:
+    from matplotlib.lines import Line2D
+
+    limbs = [
+        Line2D([], [], color=_LIMBS[k % len(_LIMBS)], linewidth=3,
+               label=f"{limb.name}: {limb.joints}")
+        for k, limb in enumerate(mechanism.limbs)
+    ]  # fmt: skip
+    kinds = dict.fromkeys(joint.kind for chain in chains for joint in chain.joints)
+    marks = [
+        Line2D([], [], color=INK, marker=_MARKERS[kind], markerfacecolor="white", linestyle="",
+               label=f"{kind}, {_NAMES[kind]}")
+        for kind in kinds
+    ]  # fmt: skip
+    marks.append(
+        Line2D([], [], color=INK, marker="o", markerfacecolor=_ACTUATED, linestyle="",
+               label="actuated")
+    )  # fmt: skip
+    figure.legend(handles=limbs, loc="upper right", bbox_to_anchor=(0.99, 0.88), frameon=False,
+                  fontsize=8)  # fmt: skip
+    height = 0.88 - 0.035 * (len(limbs) + 1)
+    figure.legend(handles=marks, loc="upper right", bbox_to_anchor=(0.99, height), frameon=False,
+                  fontsize=8)  # fmt: skip

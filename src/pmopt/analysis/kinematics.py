@@ -409,14 +409,25 @@ def jacobian_at(
     reach = {r.limb: r.distance for r in mechanism.reach(parameters, branch.pose)}
     measures = mechanism.singularity_measures(parameters, branch.pose, joints)
     size = mechanism.characteristic_length(parameters)
+    inverse = measures["inverse"]
+    # At the end of a limb's reach its determinant falls with the root of the distance; at the end
+    # of a stroke it does not fall.
     singular = tuple(
-        [f"type 1, {limb}" for limb, distance in reach.items() if distance <= SINGULAR * size]
-        + [f"type 1, {limb}" for limb, v in measures["inverse"].items()
-           if abs(v) <= SINGULAR and reach.get(limb, 1.0) > SINGULAR * size]
+        [
+            f"type 1, {limb}"
+            for limb, value in inverse.items()
+            if abs(value) <= SINGULAR
+            or (
+                abs(reach.get(limb, np.inf)) <= SINGULAR * size and abs(value) <= 4 * SINGULAR**0.5
+            )
+        ]
         + [f"type 2, {k}" for k, v in measures["forward"].items() if abs(v) <= SINGULAR]
-        + [f"constraint, {k}" for k, v in measures.get("constraint", {}).items()
-           if abs(v) <= SINGULAR]
-    )  # fmt: skip
+        + [
+            f"constraint, {k}"
+            for k, v in measures.get("constraint", {}).items()
+            if abs(v) <= SINGULAR
+        ]
+    )
     length = size if characteristic_length is None else characteristic_length
     jacobian = values = translational = rotational = None
     raw = homogenized = 0.0

@@ -42,7 +42,7 @@ from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
 TINY = 1e-300
 
-_PAPER = "paper, section 1.1"
+_PAPER = "paper, section 3.1"
 _STROKE = (700.0, 1300.0)
 
 
@@ -279,7 +279,7 @@ class UpsRps(Mechanism):
     def forward(
         self, parameters: Parameters, joints: Mapping[str, float]
     ) -> tuple[ForwardSolution, ...]:
-        """Solve |L_k| = l_k for the pose, by Newton's method from 481 starts."""
+        """Solve |L_k| = l_k for the pose, by Newton's method from 433 starts."""
         anchors, points = _anchors(parameters), _points(parameters)
         radius = _radii(parameters)[2]
         wanted = np.array([joints[c.name] for c in self.joints])
@@ -323,7 +323,8 @@ class UpsRps(Mechanism):
 
         def away(solution: ForwardSolution) -> float:
             gap = [solution.pose[k] - home[k] for k in home]
-            return math.hypot(gap[0], gap[1], *(radius * g for g in gap[2:]))
+            turns = (math.remainder(g, 2 * math.pi) for g in gap[2:])
+            return math.hypot(gap[0], gap[1], *(radius * g for g in turns))
 
         return tuple(sorted(solutions, key=away))
 

@@ -44,7 +44,7 @@ from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
 TINY = 1e-300
 
-_PAPER = "paper, section 1"
+_PAPER = "paper, section 4"
 _STROKE = (45.0, 90.0)
 
 
@@ -238,9 +238,9 @@ class UpsSp(Mechanism):
         base, platform = _corners(parameters)
         low, high = limits.get("l4", (0.0, math.inf))
         for i in range(3):
-            longest = limits.get(f"l{i + 1}", (0.0, math.inf))[1]
+            shortest, longest = limits.get(f"l{i + 1}", (0.0, math.inf))
             span = np.linalg.norm(base[i] - base[3]) + np.linalg.norm(platform[i] - platform[3])
-            high = min(high, longest + float(span))
+            low, high = max(low, shortest - float(span)), min(high, longest + float(span))
         if not math.isfinite(high):
             raise InputError("limits: l4 needs an upper bound, or another limb one")
         angles = np.array([math.pi, math.pi / 2, math.pi])
@@ -267,7 +267,7 @@ class UpsSp(Mechanism):
     def forward(
         self, parameters: Parameters, joints: Mapping[str, float]
     ) -> tuple[ForwardSolution, ...]:
-        """Solve |B_i - A_i| = l_i for the orientation, by Newton's method from 588 starts."""
+        """Solve |B_i - A_i| = l_i for the orientation, by Newton's method from 577 starts."""
         base, platform = _corners(parameters)
         l4 = joints["l4"]
         local = platform[:3] - platform[3] + np.array([0.0, 0.0, l4])
@@ -293,7 +293,12 @@ class UpsSp(Mechanism):
             lengths = self._lengths(parameters, pose)[:3]
             residual = max(abs(a - b) for a, b in zip(lengths, wanted.tolist(), strict=True))
             solutions.append(ForwardSolution(pose, {}, residual))
-        return tuple(sorted(solutions, key=lambda s: sum((s.pose[k] - home[k]) ** 2 for k in home)))
+
+        def away(solution: ForwardSolution) -> float:
+            gaps = (solution.pose[k] - home[k] for k in ("phi", "theta", "psi"))
+            return math.hypot(*(math.remainder(gap, 2 * math.pi) for gap in gaps))
+
+        return tuple(sorted(solutions, key=away))
 
     def velocity_maps(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]

@@ -10,6 +10,7 @@ from pmopt.analysis.sweeper import Notify
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
 from pmopt.reporting.tasks import WorkspaceTask
+from pmopt.units import ONE
 
 
 def run_singularities(
@@ -136,7 +137,7 @@ def singularity_tables(result: SingularityResult) -> list[Table]:
         for n in result.nearness
     ]  # fmt: skip
     design = ", ".join(
-        f"{k} = {v:g} {result.units[k]}" for k, v in result.params.items() if v is not None
+        f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}") for k, v in result.params.items() if v is not None
     )
     near = Table(
         f"{result.mechanism}: {design}",

@@ -327,7 +327,10 @@ REFUSED = [
     ({"parameters": dict.fromkeys(BOUNDED, 0.5)}, ("parameters", "at least one needs a range")),
     ({"objectives": ["volume"]}, ("objectives", "['volume']", "volume, gci")),
     ({"objectives": ["gci", "gci"]}, ("objectives", "['gci', 'gci']")),
-    ({"objectives": ["volume", "size"]}, ("objectives", "'size'", "'projected_volume' or 'footprint'")),
+    (
+        {"objectives": ["volume", "size"]},
+        ("objectives", "'size'", "'projected_volume' or 'footprint'"),
+    ),
     ({"workspace": {"samples": 15}}, ("workspace.samples=15", "16")),
     ({"workspace": {"samples": 2000.5}}, ("workspace.samples=2000.5", "integer")),
     ({"workspace": {"samples": 100, "grid": 10}}, ("workspace", "samples", "grid")),

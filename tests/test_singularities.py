@@ -58,7 +58,7 @@ def test_same_for_any_number_of_threads(mechanism):
 
 
 def test_families_are_singular_and_walls_are_real(mechanism):
-    """Told families: fresh poses of the slice have no inverse Jacobian. Walls: reach or sign ends."""
+    """Fresh poses of a told slice have no Jacobian; at a told wall reach or sign ends."""
     result = find_singularities(mechanism, settings=FEW)
     sweeper = Sweeper(mechanism, FEW)
     design = sweeper.design(mechanism.resolve({}))
@@ -145,15 +145,13 @@ def test_4_ups_rps_wall_of_level_poses():
 
 
 def test_2uu_upu_forward_singularity_where_link_and_coupler_are_in_line():
-    """Without the stroke of l1 the walls along gamma lie at kappa = -17.624512 deg or its mirror."""
-    settings = WorkspaceSettings(samples=1 << 15, limits={"l1": (-math.inf, math.inf)})
-    result = find_singularities(find("2uu-upu"), settings=settings)
-    kappas = [
-        math.degrees(w.values["kappa"])
-        for w in result.walls
-        if w.coordinate == "gamma" and w.what == "forward (type II)"
-    ]
-    assert any(abs(abs(k) - 17.624512) < 5e-6 for k in kappas)
+    """Found from the zeros alone: at every one kappa is 17.624512 deg in size."""
+    result = find_singularities(find("2uu-upu"), settings=FEW)
+    (link,) = [n for n in result.nearness if n.part == "link 2"]
+    assert link.crossed
+    assert link.located >= 6
+    assert math.degrees(link.always["kappa"]) == pytest.approx(17.624512, abs=5e-7)
+    assert "x" not in link.always
 
 
 def test_home_out_of_reach_is_told():

@@ -30,6 +30,8 @@ designs = st.fixed_dictionaries(
         "twist": st.floats(-0.8, 0.8),
     }
 ).map(SP.resolve)
+
+
 def posed(*values):
     return dict(zip(("phi", "theta", "psi", "l4"), map(float, values), strict=True))
 
@@ -71,7 +73,9 @@ def ends_of(params, pose):
 
 def lengths_of(params, pose):
     base, _ = corners(params)
-    return [float(np.linalg.norm(b - a)) for a, b in zip(base, ends_of(params, pose)[2])]  # noqa: B905
+    return [
+        float(np.linalg.norm(b - a)) for a, b in zip(base, ends_of(params, pose)[2], strict=True)
+    ]
 
 
 def slopes(function, pose, step=1e-3):
@@ -114,7 +118,9 @@ def test_declared_as_in_the_paper():
     assert DEFAULT == {"A": 35.0, "a": 20.0, "kite": 1.0, "twist": 0.0}
     assert SP.default_limits(DEFAULT) == dict.fromkeys(("l1", "l2", "l3", "l4"), (45.0, 90.0))
     assert [limb.joints for limb in SP.limbs] == ["UPS", "UPS", "UPS", "SP"]
-    assert SP.characteristic_length(DEFAULT) == pytest.approx(np.linalg.norm(corners(DEFAULT)[1][0]))
+    assert SP.characteristic_length(DEFAULT) == pytest.approx(
+        np.linalg.norm(corners(DEFAULT)[1][0])
+    )
 
 
 def test_home_is_inside_and_regular_for_every_corner_of_the_bounds():
@@ -126,7 +132,8 @@ def test_home_is_inside_and_regular_for_every_corner_of_the_bounds():
                     home = SP.home(params)
                     lengths = lengths_of(params, home)
                     assert all(45 < v < 90 for v in lengths)
-    assert abs(SP.singularity_measures(DEFAULT, SP.home(DEFAULT), {})["forward"]["platform"]) > 0.01
+    # Of the paper's squares home is regular, by little: 0.089 mm/rad beside 60.
+    assert smallest(DEFAULT, SP.home(DEFAULT))[0] == pytest.approx(0.0889, abs=5e-5)
 
 
 # --- positions ----------------------------------------------------------------------------
@@ -234,10 +241,10 @@ def test_inverse_then_forward(params):
     Near singularities two assembly modes run together and are known to the root of rounding
     errors only: left out.
     """
-    home = rotation_of(SP.home(params))
+    home = SP.home(params)
     checked = 0
     for pose, solution in reachable(SP, params, 14):
-        if abs(SP.singularity_measures(params, pose, {})["forward"]["platform"]) < 0.01:
+        if abs(SP.singularity_measures(params, pose, {})["forward"]["platform"]) < 1e-4:
             continue
         found = SP.forward(params, solution.joints)
         gaps = [max(abs(f.pose[k] - pose[k]) for k in pose) for f in found]
@@ -254,14 +261,13 @@ def test_inverse_then_forward(params):
         for i, one in enumerate(turns):
             assert all(np.abs(one - other).max() > 1e-5 for other in turns[:i])
         away = [
-            math.hypot(*(math.remainder(f.pose[k] - SP.home(params)[k], 2 * math.pi)
+            math.hypot(*(math.remainder(f.pose[k] - home[k], 2 * math.pi)
                          for k in ("phi", "theta", "psi")))
             for f in found
         ]  # fmt: skip
         assert away == sorted(away)
         checked += 1
-    assert checked >= 7
-    assert home.shape == (3, 3)
+    assert checked >= 12
 
 
 def test_forward_of_home_finds_home_first():

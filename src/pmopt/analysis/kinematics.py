@@ -417,9 +417,7 @@ def jacobian_at(
             f"type 1, {limb}"
             for limb, value in inverse.items()
             if abs(value) <= SINGULAR
-            or (
-                abs(reach.get(limb, np.inf)) <= SINGULAR * size and abs(value) <= 4 * SINGULAR**0.5
-            )
+            or (abs(reach.get(limb, np.inf)) <= SINGULAR * size and abs(value) <= 4 * SINGULAR**0.5)
         ]
         + [f"type 2, {k}" for k, v in measures["forward"].items() if abs(v) <= SINGULAR]
         + [

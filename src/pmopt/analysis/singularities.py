@@ -39,6 +39,9 @@ _SLICE_POSES = 96
 _STEPS = 720
 _ENDS = 1e-4
 
+#: Zeros that are located of each measure that changes sign, what counts as one, and how little a
+#: coordinate may differ between them to be called the same.
+_ZEROS, _ZERO, _SAME = 12, 1e-9, 1e-7
 #: How far a scan goes beyond the box of what can be reached, as a share of its width.
 _BEYOND = 0.02
 
@@ -50,7 +53,8 @@ class Nearness:
     """How near the sampled workspace comes to one kind of singularity of one limb.
 
     ``smallest`` is the least absolute value of the normalised determinant met, 0 where it is
-    crossed; ``negative`` the share of poses where it is negative.
+    crossed; ``negative`` the share of poses where it is negative. ``always`` are coordinates whose
+    absolute value is the same at every one of ``located`` zeros between poses of either sign.
     """
 
     kind: str
@@ -58,6 +62,8 @@ class Nearness:
     smallest: float
     negative: float
     crossed: bool
+    located: int
+    always: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -314,13 +320,14 @@ def _nearness(
 ) -> tuple[tuple[Nearness, ...], float]:
     """Return the least of each measure over some poses, and the least singular value."""
     mechanism, parameters = sweeper.mechanism, design.parameters
-    rows = []
+    rows, poses = [], []
     least = math.inf
     for pose in probes:
         branch = _solution(sweeper, parameters, pose)
         if branch is None:
             continue
         found = mechanism.singularity_measures(parameters, pose, branch.joints)
+        poses.append(pose)
         rows.append({(k, part): v for k, parts in found.items() for part, v in parts.items()})
         j_x, j_q = mechanism.velocity_maps(parameters, pose, branch.joints)
         if abs(np.linalg.det(j_x)) > 0:
@@ -333,11 +340,47 @@ def _nearness(
     for kind, part in rows[0] if rows else ():
         values = np.array([row[kind, part] for row in rows])
         crossed = bool(values.min() < 0 < values.max())
+        zeros = _zeros(sweeper, parameters, (kind, part), poses, values) if crossed else []
         result.append(
             Nearness(kind, part, 0.0 if crossed else float(np.abs(values).min()),
-                     float((values < 0).mean()), crossed)
+                     float((values < 0).mean()), crossed, len(zeros), _always(zeros))
         )  # fmt: skip
     return tuple(result), least
+
+
+def _zeros(
+    sweeper: Sweeper,
+    parameters: Parameters,
+    key: tuple[str, str],
+    poses: list[dict[str, float]],
+    values: Vector,
+) -> list[dict[str, float]]:
+    """Return all coordinates at zeros of a measure, each between two poses of either sign."""
+    ends = zip(np.flatnonzero(values > 0), np.flatnonzero(values < 0), strict=False)
+    zeros = []
+    for positive, negative in itertools.islice(ends, _ZEROS):
+        a, b = poses[positive], poses[negative]
+        pose, value = a, math.inf
+        for _ in range(52):
+            pose = {k: (a[k] + b[k]) / 2 for k in a}
+            found = _measures(sweeper, parameters, pose)
+            if found is None:
+                break
+            value = found[key]
+            a, b = (pose, b) if value > 0 else (a, pose)
+        branch = _solution(sweeper, parameters, pose)
+        # The line between the poses may leave the reach, or meet a jump of the measure.
+        if branch is not None and abs(value) < _ZERO:
+            zeros.append({**pose, **branch.joints, **branch.parasitic, **branch.passive})
+    return zeros
+
+
+def _always(zeros: list[dict[str, float]]) -> dict[str, float]:
+    """Return the coordinates whose absolute value is the same in all of some points."""
+    if len(zeros) < _ZEROS // 2:
+        return {}
+    sizes = {k: np.abs([zero[k] for zero in zeros]) for k in zeros[0]}
+    return {k: float(v.mean()) for k, v in sizes.items() if np.ptp(v) <= _SAME}
 
 
 def _families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from pmopt.analysis.singularities import KINDS, SingularityResult, find_singularities
+from pmopt.analysis.singularities import KINDS, Nearness, SingularityResult, find_singularities
 from pmopt.analysis.sweeper import Notify
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
@@ -124,6 +124,14 @@ def _angle(value: float, unit: str) -> str:
     return f"{value:.6g} rad ({math.degrees(value):.4f} deg)" if value else "0"
 
 
+def _where(found: Nearness, units: dict[str, str]) -> str:
+    """Say whether a determinant changes sign, and what its zeros have in common."""
+    if not found.crossed:
+        return "one sign"
+    same = ", ".join(f"|{k}| = {_angle(v, units[k])}" for k, v in found.always.items())
+    return f"changes sign, always at {same}" if same else "changes sign"
+
+
 def singularity_tables(result: SingularityResult) -> list[Table]:
     """Return what was found, how near the workspace comes to singularities first."""
     rows: list[tuple[Cell, ...]] = [
@@ -133,11 +141,13 @@ def singularity_tables(result: SingularityResult) -> list[Table]:
     ]
     rows += [
         (f"determinant, {KINDS.get(n.kind, n.kind)}, {n.part}", n.smallest,
-         "changes sign" if n.crossed else "one sign")
+         _where(n, result.units))
         for n in result.nearness
     ]  # fmt: skip
     design = ", ".join(
-        f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}") for k, v in result.params.items() if v is not None
+        f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
+        for k, v in result.params.items()
+        if v is not None
     )
     near = Table(
         f"{result.mechanism}: {design}",

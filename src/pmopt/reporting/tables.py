@@ -223,7 +223,9 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     )
     display = tuple((name, *with_error(e.value, e.error), u) for name, e, u in entries)
     design = ", ".join(
-        f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}") for k, v in result.params.items() if v is not None
+        f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
+        for k, v in result.params.items()
+        if v is not None
     )
     sampler = f"{result.grid} cells an axis" if result.grid else f"{result.replicates} replicates"
     notes = (

@@ -517,8 +517,8 @@ def test_seed_changes_the_sample(tmp_path):
 # --- run folder, plot, init, completion, dry run ------------------------------------------
 
 OUTPUTS = [
-    "lci_histogram.csv", "lci_histogram.png", "regions.csv", "result.json", "sections.png",
-    "workspace.png",
+    "lci_histogram.csv", "lci_histogram.png", "mechanism.png", "regions.csv", "result.json",
+    "sections.png", "workspace.png",
 ]  # fmt: skip
 
 

@@ -207,7 +207,7 @@ def test_configuration_is_frozen():
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda p: p.name)
 def test_shipped_configuration_loads(path):
     config = load_config(path)
-    assert config.mechanism == MECH
+    assert path.stem in ("quickstart", config.mechanism)
     assert resolve_config(plain(config), path.name) == config
 
 

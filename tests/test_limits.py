@@ -58,31 +58,39 @@ def test_cones_are_closed_at_home(mechanism):
 
 
 def test_margin_with_clearances(mechanism):
-    """Against distances of all pairs of links that are not joined, pose by pose."""
+    """Against distances of all pairs of links that are not joined, pose by pose.
+
+    Diameters are medians of the least distances met: half of the poses are too close.
+    """
     params = mechanism.resolve({})
-    size = mechanism.characteristic_length(params)
-    link, platform = 0.25 * size, 0.1 * size
-    settings = WorkspaceSettings(link_diameter=link, platform_diameter=platform)
-    sweeper = Sweeper(mechanism, settings, threads=1)
-    design = sweeper.design(params)
     poses = [p for p, _ in reachable(mechanism, params, 60)]
-    margin, _ = sweeper.field(design, columns(poses))
     spokes = iter(mechanism.spokes)
     joined = [next(spokes) if limb < 0 else limb for limb in mechanism.segments]
-    verdicts = set()
-    for pose, found in zip(poses, margin, strict=True):
+    least = []  # between limbs, and between limbs and platform
+    for pose in poses:
         _, _, segments, _ = skeleton(mechanism, params, pose)
-        free = True
+        nearest = [math.inf, math.inf]
         for i, a in enumerate(segments):
             for j, b in enumerate(segments):
                 if mechanism.segments[i] < 0 or joined[i] == joined[j]:
                     continue
-                least = link if mechanism.segments[j] >= 0 else (link + platform) / 2
                 distance = math.sqrt(segment_distance2(*a.ravel(), *b.ravel()))
-                free = free and distance >= least
-        assert (found >= 0) == free
-        verdicts.add(free)
-    assert len(verdicts) == 2 or mechanism.name in ("2pauu-ppap", "2uu-upu")
+                which = int(mechanism.segments[j] < 0)
+                nearest[which] = min(nearest[which], distance)
+        least.append(nearest)
+    between, to_platform = np.array(least).T
+    link = float(np.quantile(between, 0.4))
+    platform = max(2 * float(np.quantile(to_platform, 0.4)) - link, 0.1 * link)
+    settings = WorkspaceSettings(link_diameter=link, platform_diameter=platform)
+    sweeper = Sweeper(mechanism, settings, threads=1)
+    margin, _ = sweeper.field(sweeper.design(params), columns(poses))
+    free = (between >= link) & (to_platform >= (link + platform) / 2)
+    # The pose whose distance is the quantile itself may fall on either side by rounding.
+    told = (np.abs(between - link) > 1e-9 * link) & (
+        np.abs(to_platform - (link + platform) / 2) > 1e-9 * link
+    )
+    assert ((margin >= 0) == free)[told].all()
+    assert 0 < free.sum() < len(free)
 
 
 def test_margin_with_cones_and_tool(mechanism):

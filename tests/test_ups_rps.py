@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from test_contract import random_poses, reachable, ready
 
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sweeper import Sweeper
 from pmopt.mechanisms import find
 from pmopt.mechanisms.base import within
 
@@ -178,7 +180,7 @@ def test_margin_is_the_least_distance_to_a_strokes_end(params):
     """And >= 0 exactly where the strokes hold, in a box wider than what is reachable."""
     constants = ready(RPS, params, "direct")
     inside = []
-    for pose in random_poses(RPS, params, 600, margin=0.1):
+    for pose in random_poses(RPS, params, 1500, margin=0.1):
         margin = RPS.kernel(*pose.values(), constants)[0]
         lengths = lengths_of(params, pose)
         assert margin == pytest.approx(min(min(v - 700, 1300 - v) for v in lengths), abs=1e-9)
@@ -186,7 +188,7 @@ def test_margin_is_the_least_distance_to_a_strokes_end(params):
         (solution,) = RPS.inverse(params, pose)
         inside.append(margin >= 0)
         assert inside[-1] == all(within(v, (700, 1300), "length") for v in solution.joints.values())
-    assert 20 < sum(inside) < 580
+    assert 20 < sum(inside) < 1480
 
 
 @pytest.mark.parametrize("name", JOINTS)
@@ -211,18 +213,13 @@ def test_reach_box_cuts_nothing_off(params, change):
     lower, upper = RPS.reach_box(params, limits)
     assert (lower[2:] <= [-math.pi, -QUARTER, -math.pi]).all()
     assert (upper[2:] >= [math.pi, QUARTER, math.pi]).all()
-    constants = tuple(RPS.kernel_constants(params, "direct", 1.0, limits))
+    sweeper = Sweeper(RPS, WorkspaceSettings(limits=change))
     wide = np.array([2500, 2500, math.pi, QUARTER, math.pi])
-    # Platform in the plane of the base and limbs stretched: where the extremes are.
-    rng = np.random.default_rng(6)
-    met = [
-        pose
-        for pose in rng.uniform(-wide, wide, (30000, 5))
-        if RPS.kernel(*pose.tolist(), constants)[0] >= 0
-    ]
-    assert len(met) > 30
-    assert (lower[:2] <= np.min(met, axis=0)[:2]).all()
-    assert (np.max(met, axis=0)[:2] <= upper[:2]).all()
+    poses = np.random.default_rng(6).uniform(-wide, wide, (400_000, 5)).T
+    met = poses[:, sweeper.field(sweeper.design(params), poses)[0] >= 0]
+    assert met.shape[1] > 100
+    assert (lower[:2] <= met.min(axis=1)[:2]).all()
+    assert (met.max(axis=1)[:2] <= upper[:2]).all()
 
 
 def test_nothing_is_reachable_where_strokes_contradict():
@@ -235,13 +232,15 @@ def test_nothing_is_reachable_where_strokes_contradict():
 
 def regular(params, count, least, seed=1):
     """Return reachable (pose, solution) pairs of the domain that are off the singularities."""
+    sweeper = Sweeper(RPS, WorkspaceSettings())
+    design = sweeper.design(params)
+    unit = np.random.default_rng(seed).random((5, 2000))
+    poses = design.lower[:, None] + design.width[:, None] * unit
     pairs = []
-    for pose, solution in reachable(RPS, params, 6 * count, seed=seed):
-        domain = RPS.default_domain(params)
-        if any(not low <= pose[k] <= high for k, (low, high) in domain.items()):
-            continue
-        if abs(RPS.singularity_measures(params, pose, {})["forward"]["platform"]) > least:
-            pairs.append((pose, solution))
+    for values in poses[:, sweeper.field(design, poses)[0] >= 0].T:
+        pose = posed(*values)
+        if abs(measure(params, pose)) > least:
+            pairs.append((pose, RPS.inverse(params, pose)[0]))
     return pairs[:count]
 
 
@@ -249,7 +248,7 @@ def regular(params, count, least, seed=1):
 def test_inverse_then_forward(params):
     """The pose comes back; every solution assembles, is another pose, nearest to home first."""
     pairs = regular(params, 6, 1e-3)
-    assert len(pairs) >= 3
+    assert len(pairs) == 6
     home = RPS.home(params)
     for pose, solution in pairs:
         found = RPS.forward(params, solution.joints)
@@ -493,21 +492,21 @@ def test_the_papers_trajectory_crosses_a_singularity():
 
 
 def test_the_papers_trajectory_is_regular_at_the_home_it_describes():
-    """gamma = pi/2: the smallest singular value stays near that of home."""
+    """gamma = pi/2: the smallest singular value stays above half of home's, 0.07."""
     for t in np.linspace(0, 2, 201):
         pose = on_trajectory(t, QUARTER)
         assert measure(DEFAULT, pose) * measure(DEFAULT, RPS.home(DEFAULT)) > 0
-        assert np.linalg.svd(six(DEFAULT, pose), compute_uv=False)[-1] > 0.05
+        assert np.linalg.svd(six(DEFAULT, pose), compute_uv=False)[-1] > 0.035
 
 
 @given(designs, poses)
 def test_measure_and_kernel_vanish_with_the_full_map(params, pose):
-    """det J1 J2 is -cos(beta) times the 6x6 determinant: one sign within the chart."""
+    """det J1 J2 is cos(beta) times the 6x6 determinant: one sign within the chart."""
     j_x, _ = RPS.velocity_maps(params, pose, {})
     full = RPS.full_map(params, pose)
     det = np.linalg.det(full)
     scale = np.prod(np.linalg.norm(full, axis=1))
-    assert abs(np.linalg.det(j_x) + math.cos(pose["beta"]) * det) < 1e-11 * scale
+    assert abs(np.linalg.det(j_x) - math.cos(pose["beta"]) * det) < 1e-11 * scale
     rows = np.linalg.norm(six(params, pose), axis=1)
     wanted = det / params["r"] ** 3 / np.prod(rows)
     found = RPS.singularity_measures(params, pose, {})

@@ -139,7 +139,6 @@ def workspace(
         ``grid``, ``target_error``, ``working_mode``, ``norm``, ``jacobian``, ``domain``, ..
     """
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.shape import DEFAULT_GRID
     from pmopt.analysis.workspace import compute_workspace
 
     return compute_workspace(
@@ -148,7 +147,7 @@ def workspace(
         validated(WorkspaceSettings, settings, "workspace"),
         seed=seed,
         threads=threads,
-        shape_grid=DEFAULT_GRID if shape_grid is None else shape_grid,
+        shape_grid=shape_grid,
     )
 
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.estimates import Estimate
+from pmopt.analysis.shape import Topology, confirmed, topology_of
 from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.mechanisms.base import Vector
 from pmopt.numerics.sequences import BLOCK, Sequence
 
 PROJECTION_SAMPLES = 1 << 20
@@ -23,6 +25,8 @@ _REPLICATES = 4
 #: Points that fall into a voxel on average: fewer would leave holes by chance.
 _POINTS_A_VOXEL = 24
 _MOST_VOXELS = 128
+#: Holes of so many voxels are taken for chance, larger ones for holes.
+_MISSED = 8
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class Projection:
         one, in length_unit^3.
     footprint : Estimate
         Area on the floor of the convex hull of all links over all reachable poses, length_unit^2.
+    shape : Topology
+        Pieces and voids of the positions reached, counted on the voxels.
     grid : int
         Voxels along the longest side.
     lower, upper : tuple of float
@@ -44,6 +50,7 @@ class Projection:
 
     volume: Estimate
     footprint: Estimate
+    shape: Topology
     grid: int
     lower: tuple[float, ...]
     upper: tuple[float, ...]
@@ -51,11 +58,12 @@ class Projection:
 
 def reachable_poses(
     sweeper: Sweeper, design: Design, points: Sequence, first: int, last: int
-) -> NDArray[np.float64]:
-    """Return the points of the first replicate that are reachable, shape (d, N)."""
+) -> tuple[NDArray[np.float64], Vector]:
+    """Return the points of the first replicate that are reachable, (d, N), and their indices."""
     poses = sweeper.points(design, points, first, last)
     margin, lci = sweeper.field(design, poses)
-    return poses[:, (margin >= 0) & (lci >= sweeper.settings.min_lci)]
+    kept = (margin >= 0) & (lci >= sweeper.settings.min_lci)
+    return poses[:, kept], lci[kept]
 
 
 def replicate(points: Sequence, number: int) -> Sequence:
@@ -80,52 +88,65 @@ def measure_projection(
     """
     nothing = Estimate(math.nan, math.nan)
     if design.box_volume == 0:
-        return Projection(nothing, nothing, 0, (), ())
+        return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0, (), ())
     points = sweeper.for_purpose(f"{sweeper.purpose}, projection").sequence(_REPLICATES)
     count = max(1, samples // _REPLICATES // BLOCK) * BLOCK
     floor = [k for k in range(3) if k != sweeper.mechanism.vertical]
     places, corners = [], []
     for r in range(_REPLICATES):
-        poses = reachable_poses(sweeper, design, replicate(points, r), 0, count)
+        poses, _ = reachable_poses(sweeper, design, replicate(points, r), 0, count)
         facts = sweeper.probe(design, poses)
         places.append(facts.tool)
         ends = facts.segments.reshape(-1, 3)[:, floor]
         corners.append(ends[_extreme(ends)])
     joined = np.concatenate(places)
     if len(joined) < 8:
-        return Projection(nothing, nothing, 0, (), ())
+        return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0, (), ())
     lower, upper = joined.min(axis=0), joined.max(axis=0)
     sides = np.maximum(upper - lower, 1e-9 * (upper - lower).max())
     voxels = len(joined) / _POINTS_A_VOXEL
     size = float(np.clip(np.prod(sides / sides.max()), 1e-6, 1.0))
     grid = int(np.clip((voxels / size) ** (1 / 3), 6, _MOST_VOXELS))
     step = float(sides.max()) / grid
-    fine, coarse = (_occupied(joined, lower, s) for s in (step, 1.5 * step))
+    full, rough = (occupied(joined, lower, s) for s in (step, 1.5 * step))
+    fine, coarse = _half_edged(full, step), _half_edged(rough, 1.5 * step)
     # Parts of the sample see parts of the boundary: their voxels are as many points wide.
     wide = step * _REPLICATES ** (1 / 3)
-    parts = np.array([_occupied(p, lower, wide) for p in places])
+    parts = np.array([_half_edged(occupied(p, lower, wide), wide) for p in places])
     statistical = float(parts.std(ddof=1)) / math.sqrt(_REPLICATES)
     volume = Estimate(fine, math.hypot(statistical, (coarse - fine) / math.sqrt(1.5**2 + 1)))
+    uncut = np.zeros((3, 2), dtype=bool)
+    shape = confirmed(topology_of(full, uncut), topology_of(rough, uncut))
     areas = [_hull_area(c) for c in corners]
     whole = _hull_area(np.concatenate(corners))
     # A hull of points is too small: parts of the sample tell by how much it still grows.
     spread = max(float(np.std(areas, ddof=1)), whole - float(np.mean(areas)))
     return Projection(
-        volume, Estimate(whole, max(spread, 1e-12 * whole)), grid,
+        volume, Estimate(whole, max(spread, 1e-12 * whole)), shape, grid,
         tuple(lower.tolist()), tuple(upper.tolist()),
     )  # fmt: skip
 
 
-def _occupied(places: NDArray[np.float64], lower: NDArray[np.float64], step: float) -> float:
-    """Return the volume of the occupied voxels, those at the boundary counted half."""
+def occupied(
+    places: NDArray[np.float64], lower: NDArray[np.float64], step: float
+) -> NDArray[np.bool_]:
+    """Return which voxels of an edge length hold places."""
     from scipy import ndimage
 
     cells = np.floor((places - lower) / step).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    full = np.zeros(shape, dtype=bool)
+    full = np.zeros(cells.max(axis=0) + 1, dtype=bool)
     full[tuple(cells.T)] = True
-    # A voxel all around which the set is occupied has been missed by chance.
-    full = ndimage.binary_fill_holes(full)
+    # A few voxels all around which the set is occupied have been missed by chance.
+    labels, _ = ndimage.label(np.pad(~full, 1, constant_values=True), np.ones((3, 3, 3)))
+    sizes = np.bincount(labels.ravel())
+    missed = (labels > 0) & (labels != labels[0, 0, 0]) & (sizes[labels] <= _MISSED)
+    return np.asarray(full | missed[1:-1, 1:-1, 1:-1])
+
+
+def _half_edged(full: NDArray[np.bool_], step: float) -> float:
+    """Return the volume of the voxels, those at the boundary counted half."""
+    from scipy import ndimage
+
     inner = ndimage.binary_erosion(full)
     return step**3 * (int(full.sum()) + int(inner.sum())) / 2
 

@@ -9,15 +9,18 @@ Sets closer to each other than a cell are therefore joined; a second grid tells 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.errors import InputError
 
-DEFAULT_GRID = 96
+#: Cells per axis by number of pose coordinates, and the most corners of cells in all.
+DEFAULT_GRIDS = {1: 4096, 2: 512, 3: 96, 4: 28, 5: 14, 6: 9}
+MOST_CORNERS = 1 << 25
 #: The same count on this share of the cells tells whether it depends on the resolution.
 _COARSER = 2 / 3
 #: Smaller pieces and voids than this share of the set's cells are specks, counted apart.
@@ -70,6 +73,22 @@ class Shape:
         }
 
 
+def check_cells(cells: int, dimension: int, where: str) -> int:
+    """Return the cells per axis, refused where their corners would not fit into memory.
+
+    Raises
+    ------
+    InputError
+    """
+    most = int(MOST_CORNERS ** (1 / dimension)) - 1
+    if cells > most:
+        raise InputError(
+            f"{where}={cells} is not allowed: at most {most} cells an axis with {dimension} "
+            "coordinates"
+        )
+    return cells
+
+
 def grid_points(design: Design, count: int) -> NDArray[np.float64]:
     """Return the (d, count^d) points of a regular grid over a design's box, its faces included."""
     axes = [
@@ -79,7 +98,7 @@ def grid_points(design: Design, count: int) -> NDArray[np.float64]:
     return np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
 
 
-def measure_shape(sweeper: Sweeper, design: Design, cells: int = DEFAULT_GRID) -> Shape:
+def measure_shape(sweeper: Sweeper, design: Design, cells: int) -> Shape:
     """Count pieces and voids of the workspace and of each dexterity region.
 
     Parameters
@@ -91,11 +110,8 @@ def measure_shape(sweeper: Sweeper, design: Design, cells: int = DEFAULT_GRID) -
     """
     fine = _topologies(sweeper, design, cells)
     coarse = _topologies(sweeper, design, max(4, round(cells * _COARSER)))
-    confirmed = [
-        Topology(**{**asdict(a), "confirmed": _counts(a) == _counts(b)})
-        for a, b in zip(fine, coarse, strict=True)
-    ]
-    return Shape(cells, confirmed[0], tuple(confirmed[1:]))
+    whole, *regions = (confirmed(a, b) for a, b in zip(fine, coarse, strict=True))
+    return Shape(cells, whole, tuple(regions))
 
 
 def _counts(topology: Topology) -> tuple[int, int, int]:
@@ -107,13 +123,28 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
         return [Topology(0, (), 0, 0, 0, True)] * (len(sweeper.settings.regions))
     shape = (cells + 1,) * len(design.width)
     margin, lci = (v.reshape(shape) for v in sweeper.field(design, grid_points(design, cells + 1)))
-    inside = _over_corners(np.logical_or, (margin >= 0.0) & (lci >= sweeper.settings.min_lci))
+    reached = (margin >= 0.0) & (lci >= sweeper.settings.min_lci)
+    inside = _over_corners(np.logical_or, reached)
     smallest, largest = _over_corners(np.minimum, lci), _over_corners(np.maximum, lci)
     edges = sweeper.settings.regions
     sets = [inside]
     for low, high in zip(edges, edges[1:], strict=False):
-        sets.append(inside & (largest >= low) & (smallest < high))
-    return [_topology(members, design.cut) for members in sets]
+        # Cells between a corner below and one above are of the set only if they belong to a piece
+        # that some reachable corner shows: out of reach the index may be anything.
+        shown = _over_corners(np.logical_or, reached & (lci >= low) & (lci < high))
+        sets.append(_pieces_with(inside & (largest >= low) & (smallest < high), shown))
+    return [topology_of(members, design.cut) for members in sets]
+
+
+def _pieces_with(members: NDArray[np.bool_], shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pieces of a set that hold one of some cells."""
+    from scipy import ndimage
+
+    labels, count = ndimage.label(members)
+    keep = np.zeros(count + 1, dtype=bool)
+    keep[labels[shown]] = True
+    keep[0] = False
+    return np.asarray(keep[labels])
 
 
 def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
@@ -124,8 +155,20 @@ def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _topology(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
-    """Count pieces and holes; ``cut`` (d, 2) tells which faces of the box cut the reachable set."""
+def confirmed(fine: Topology, coarse: Topology) -> Topology:
+    """Return the finer count, marked by whether the coarser one is the same."""
+    return replace(fine, confirmed=_counts(fine) == _counts(coarse))
+
+
+def topology_of(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
+    """Count pieces and holes of a set of cells, not confirmed.
+
+    Parameters
+    ----------
+    members : (..) bool
+    cut : (d, 2) bool
+        Which faces of the box cut off what the set is part of.
+    """
     from scipy import ndimage  # takes longer to import than the counting itself
 
     total = int(members.sum())

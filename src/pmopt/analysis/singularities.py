@@ -17,13 +17,14 @@ import numpy as np
 
 from pmopt.analysis.aspects import AspectMap, determinants, map_aspects
 from pmopt.analysis.estimates import Estimate
+from pmopt.analysis.families import Family, find_families
 from pmopt.analysis.kinematics import homogenize, of_limb
+from pmopt.analysis.measures import KINDS, branch_at, measures_at
 from pmopt.analysis.projection import replicate
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
 from pmopt.errors import InfeasibleError
-from pmopt.mechanisms.base import InverseSolution, Mechanism, Parameters, Vector
-from pmopt.seeds import seed_sequence
+from pmopt.mechanisms.base import Mechanism, Parameters, Vector
 from pmopt.units import ONE
 
 DEFAULT_SAMPLES = 1 << 18
@@ -31,9 +32,6 @@ DEFAULT_SAMPLES = 1 << 18
 _SPECK = 1e-3
 #: Reachable poses at which each limb's measures are evaluated one by one.
 _PROBES = 400
-#: A slice of the workspace is singular if no pose of it has a larger index.
-_SINGULAR = 1e-7
-_SLICE_POSES = 96
 #: Steps of the scan along a coordinate, and how near zero a measure is at a limb's end of reach,
 #: where it falls with the root of the distance.
 _STEPS = 720
@@ -44,8 +42,6 @@ _ENDS = 1e-4
 _ZEROS, _ZERO, _SAME = 12, 1e-9, 1e-7
 #: How far a scan goes beyond the box of what can be reached, as a share of its width.
 _BEYOND = 0.02
-
-KINDS = {"inverse": "inverse (type I)", "forward": "forward (type II)", "constraint": "constraint"}
 
 
 @dataclass(frozen=True)
@@ -64,20 +60,6 @@ class Nearness:
     crossed: bool
     located: int
     always: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Family:
-    """A slice of the workspace that is singular throughout.
-
-    ``fixed`` are the coordinates that define it, ``free`` those that may have any value in reach.
-    """
-
-    kind: str
-    fixed: dict[str, float]
-    free: tuple[str, ...]
-    largest_lci: float
-    poses: int
 
 
 @dataclass(frozen=True)
@@ -244,7 +226,7 @@ def find_singularities(
         smallest_lci=smallest,
         smallest_singular_value=least,
         nearness=nearness,
-        families=_families(sweeper, design),
+        families=find_families(sweeper, design),
         walls=_walls(sweeper, design, home) if inside else (),
         aspects=aspects,
         specks=specks,
@@ -296,25 +278,6 @@ def _aspects(
     return tuple(aspects), len(found.counts) - len(aspects)
 
 
-def _solution(
-    sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]
-) -> InverseSolution | None:
-    """Return the working mode's branch at a pose, None out of reach."""
-    branches = sweeper.mechanism.inverse(parameters, pose)
-    return next((s for s in branches if s.working_mode == sweeper.working_mode), None)
-
-
-def _measures(
-    sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]
-) -> dict[tuple[str, str], float] | None:
-    """Return every normalised determinant at a pose by kind and part."""
-    branch = _solution(sweeper, parameters, pose)
-    if branch is None:
-        return None
-    found = sweeper.mechanism.singularity_measures(parameters, pose, branch.joints)
-    return {(kind, part): value for kind, parts in found.items() for part, value in parts.items()}
-
-
 def _nearness(
     sweeper: Sweeper, design: Design, probes: list[dict[str, float]]
 ) -> tuple[tuple[Nearness, ...], float]:
@@ -323,7 +286,7 @@ def _nearness(
     rows, poses = [], []
     least = math.inf
     for pose in probes:
-        branch = _solution(sweeper, parameters, pose)
+        branch = branch_at(sweeper, parameters, pose)
         if branch is None:
             continue
         found = mechanism.singularity_measures(parameters, pose, branch.joints)
@@ -363,12 +326,12 @@ def _zeros(
         pose, value = a, math.inf
         for _ in range(52):
             pose = {k: (a[k] + b[k]) / 2 for k in a}
-            found = _measures(sweeper, parameters, pose)
+            found = measures_at(sweeper, parameters, pose)
             if found is None:
                 break
             value = found[key]
             a, b = (pose, b) if value > 0 else (a, pose)
-        branch = _solution(sweeper, parameters, pose)
+        branch = branch_at(sweeper, parameters, pose)
         # The line between the poses may leave the reach, or meet a jump of the measure.
         if branch is not None and abs(value) < _ZERO:
             zeros.append({**pose, **branch.joints, **branch.parasitic, **branch.passive})
@@ -383,52 +346,9 @@ def _always(zeros: list[dict[str, float]]) -> dict[str, float]:
     return {k: float(v.mean()) for k, v in sizes.items() if np.ptp(v) <= _SAME}
 
 
-def _families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:
-    """Find slices, a few coordinates fixed at special values, that are singular throughout.
-
-    Special are 0 and, for angles, quarter turns. A slice that holds a smaller set of fixed
-    coordinates already found is no news.
-    """
-    mechanism = sweeper.mechanism
-    names = [c.name for c in mechanism.pose]
-    dimension = len(names)
-    rng = np.random.Generator(np.random.PCG64(seed_sequence(sweeper.seed, "singular slices")))
-    special: list[list[float]] = []
-    for k, c in enumerate(mechanism.pose):
-        some = (0.0, math.pi / 2, -math.pi / 2) if c.kind == "angle" else (0.0,)
-        low, high = design.lower[k], design.lower[k] + design.width[k]
-        special.append([v for v in some if low - 1e-12 <= v <= high + 1e-12])
-    found: list[Family] = []
-    for size in range(1, dimension):
-        for chosen in itertools.combinations(range(dimension), size):
-            for values in itertools.product(*(special[k] for k in chosen)):
-                fixed = {names[k]: v for k, v in zip(chosen, values, strict=True)}
-                if any(f.fixed.items() <= fixed.items() for f in found):
-                    continue
-                u = rng.uniform(0.001, 0.999, (dimension, 64 * _SLICE_POSES))
-                poses = design.lower[:, None] + design.width[:, None] * u
-                for k, v in zip(chosen, values, strict=True):
-                    poses[k] = v
-                margin, lci = sweeper.field(design, poses)
-                inside = np.flatnonzero(margin > 0)[:_SLICE_POSES]
-                if len(inside) < _SLICE_POSES // 4 or lci[inside].max() > _SINGULAR:
-                    continue
-                pose = dict(zip(names, poses[:, inside[0]].tolist(), strict=True))
-                found.append(
-                    Family(
-                        _kind_at(sweeper, design.parameters, pose),
-                        fixed,
-                        tuple(n for n in names if n not in fixed),
-                        float(lci[inside].max()),
-                        len(inside),
-                    )
-                )
-    return tuple(found)
-
-
 def _kind_at(sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]) -> str:
     """Return the kind of the measure that is smallest at a singular pose."""
-    measures = _measures(sweeper, parameters, pose)
+    measures = measures_at(sweeper, parameters, pose)
     if not measures:
         return "inverse"
     return min(measures, key=lambda key: abs(measures[key]))[0]
@@ -473,7 +393,7 @@ def _wall(
         )  # fmt: skip
         pose = {n: (value if n == names[k] else v) for n, v in home.items()}
         kind = _kind_at(sweeper, design.parameters, pose)
-        return Wall(names[k], direction, value, KINDS.get(kind, kind),
+        return Wall(names[k], direction, value, KINDS[kind],
                     _values(sweeper, design, pose))  # fmt: skip
     if last == _STEPS:
         return Wall(names[k], direction, end, "end of the domain", {})
@@ -499,7 +419,7 @@ def _bisect(holds: Any, inside: float, outside: float) -> float:
 
 def _values(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -> dict[str, float]:
     """Return joints, parasitic and passive coordinates at a pose."""
-    branch = _solution(sweeper, design.parameters, pose)
+    branch = branch_at(sweeper, design.parameters, pose)
     if branch is None:
         return {}
     return {**branch.joints, **branch.parasitic, **branch.passive}
@@ -520,7 +440,7 @@ def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -
     size = mechanism.characteristic_length(design.parameters)
     if nearest is not None and nearest[0] <= 1e-6 * max(size, 1.0):
         return nearest[1]
-    measures = _measures(sweeper, design.parameters, pose)
+    measures = measures_at(sweeper, design.parameters, pose)
     if measures:
         small = {key: abs(v) for key, v in measures.items() if key[0] == "inverse"}
         part = min(small, key=lambda key: small[key])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pmopt.analysis.aspects import make_sweeper, require_home
 from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
 from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
-from pmopt.analysis.shape import DEFAULT_GRID, Shape, measure_shape
+from pmopt.analysis.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
 from pmopt.analysis.sweeper import (
     TOOL,
     Design,
@@ -160,6 +160,9 @@ class WorkspaceResult:
             ],
             "shape": self.shape.to_dict() if self.shape else None,
             "projected_volume": self._projected("volume", "projected_volume"),
+            "projected_shape": None
+            if self.projection is None
+            else {"grid": self.projection.grid, **asdict(self.projection.shape)},
             "footprint": self._projected("footprint", "footprint"),
             "samples": self.samples,
             "reachable": self.reachable,
@@ -191,7 +194,7 @@ def compute_workspace(
     *,
     seed: int = 1,
     threads: int | None = None,
-    shape_grid: int = DEFAULT_GRID,
+    shape_grid: int | None = None,
     progress: Progress | None = None,
     notify: Notify | None = None,
 ) -> WorkspaceResult:
@@ -206,9 +209,10 @@ def compute_workspace(
     seed : int
     threads : int, optional
         The result is the same for any number.
-    shape_grid : int
-        Cells per axis on which pieces and voids are counted; 0 leaves the shape out, and the
-        volume of the positions reached with it.
+    shape_grid : int, optional
+        Cells per axis on which pieces and voids are counted (default: by the number of
+        coordinates, see :data:`pmopt.analysis.shape.DEFAULT_GRIDS`); 0 leaves the shape out, and
+        the positions reached with it.
     progress, notify : callable, optional
 
     Raises
@@ -219,6 +223,9 @@ def compute_workspace(
         When ``target_error`` is not reached within the largest number of samples.
     """
     settings = settings or WorkspaceSettings()
+    dimension = len(mechanism.pose)
+    cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
+    check_cells(cells, dimension, "shape_grid")
     sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
     design = sweeper.design(mechanism.resolve(params or {}))
     require_home(sweeper, design)
@@ -232,14 +239,13 @@ def compute_workspace(
         points = sweeper.sequence(replicates)
         tallies = _accumulate(sweeper, design, points, 0, count, progress)
         estimates = from_replicates(tallies)
-    wants_shape = shape_grid > 0 and len(mechanism.pose) <= 3
     return _result(
         sweeper,
         design,
         tallies,
         estimates,
-        measure_shape(sweeper, design, shape_grid) if wants_shape else None,
-        measure_projection(sweeper, design) if shape_grid > 0 else None,
+        measure_shape(sweeper, design, cells) if cells > 0 else None,
+        measure_projection(sweeper, design) if cells > 0 else None,
     )
 
 

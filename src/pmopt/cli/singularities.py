@@ -9,6 +9,7 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
+from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
 
 
@@ -38,14 +39,21 @@ from pmopt.mechanisms import Mechanism
     help="Bounds on pose coordinates; inf is allowed.",
 )
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
+@click.option(
+    "--path",
+    type=click.Path(path_type=Path),
+    metavar="FILE.csv",
+    help="Instead: where a path of poses, with a column t if there are times, crosses "
+    "singularities.",
+)
 @options.threads_option
 @options.out_options
 @options.common_options
 def singularities_command(
     mechanism: Mechanism, params: tuple[str, ...], samples: int | None, grid: int | None, seed: int,
     working_mode: str | None, kind: str | None, characteristic_length: float | str | None,
-    domain: tuple[str, ...], limits: tuple[str, ...], threads: int | None, out: Path | None,
-    force: bool, form: str, quiet: bool, debug: bool,
+    domain: tuple[str, ...], limits: tuple[str, ...], path: Path | None, threads: int | None,
+    out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Singularities over a workspace: families, walls around home, aspects and their volumes.
 
@@ -66,6 +74,14 @@ def singularities_command(
         "domain": options.parse_ranges(domain, "--domain"),
         "limits": options.parse_ranges(limits, "--limits"),
     }
+    if path is not None:
+        unused = {"samples": samples, "grid": grid, "domain": domain, "limits": limits, "out": out,
+                  "jacobian": kind, "characteristic-length": characteristic_length}  # fmt: skip
+        for name, value in unused.items():
+            if value:
+                raise InputError(f"--{name}: not together with --path")
+        _follow(path, mechanism, params, working_mode, form, quiet)
+        return
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "singularities"
     )
@@ -79,3 +95,25 @@ def singularities_command(
     emit(form, result.to_dict(), singularity_run.singularity_tables(result))
     if out is not None:
         notify(f"written to {out}")
+
+
+def _follow(
+    path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None,
+    form: str, quiet: bool,
+) -> None:  # fmt: skip
+    from pmopt.analysis.crossings import follow_path
+    from pmopt.reporting.singularity_run import path_tables
+
+    rows = options.read_rows(path, "--path", [c.name for c in mechanism.pose])
+    timed = all("t" in values for _, values in rows)
+    result = follow_path(
+        mechanism,
+        options.design_parameters(mechanism, params),
+        [{k: v for k, v in values.items() if k != "t"} for _, values in rows],
+        [values["t"] for _, values in rows] if timed else None,
+        mechanism.check_mode(working_mode, "--working-mode"),
+        where=f"--path: {path}",
+        rows=[line for line, _ in rows],
+        notify=notifier(quiet),
+    )
+    emit(form, result.to_dict(), path_tables(result))

@@ -92,7 +92,8 @@ from pmopt.mechanisms import Mechanism
     "--shape-grid",
     type=click.IntRange(0, 1000),
     metavar="N",
-    help="Cells an axis on which pieces and voids are counted; 0: not at all. Default: 96.",
+    help="Cells an axis on which pieces and voids are counted; 0: not at all. Default: 96 with "
+    "three coordinates, 28 with four, 14 with five.",
 )
 @options.threads_option
 @options.out_options
@@ -116,7 +117,7 @@ def workspace_command(
       pmopt workspace 2pauu-ppap --params m=1,n=0.7,l1=0.65,l2=1.5,c=0.1
     """
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.shape import DEFAULT_GRID
+    from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
     from pmopt.analysis.validation import validated
     from pmopt.reporting import tables, workspace_run
     from pmopt.reporting.tasks import WorkspaceTask
@@ -145,12 +146,14 @@ def workspace_command(
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"
     )
+    dimension = len(mechanism.pose)
+    cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     task = WorkspaceTask(
         mechanism,
         options.design_parameters(mechanism, params),
         settings,
         seed,
-        DEFAULT_GRID if shape_grid is None else shape_grid,
+        check_cells(cells, dimension, "--shape-grid"),
     )
     notify = notifier(quiet)
     if dry_run:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,18 @@ _LIMBS = ("#2f5d8a", "#c1573b", "#4f8a4f", "#8a5aa8", "#b08a2e")
 _ACTUATED = "#e3342f"
 #: Elevation and azimuth of the view in degrees.
 _VIEW = (16.0, -62.0)
+#: Where along its link the prismatic joint of a telescopic limb is drawn.
+_TELESCOPE = 0.42
+#: Half the width of a marker, in pixels.
+_MARK = 9.0
+
+
+class _Label(NamedTuple):
+    """A name in the picture and the place (3,) it belongs to."""
+
+    place: NDArray[np.float64]
+    text: str
+    colour: str
 
 
 def draw_mechanism(
@@ -64,6 +77,7 @@ def draw_mechanism(
         axes.view_init(*_VIEW)
         axes.set_proj_type("ortho")
         _draw_platform(axes, np.array(corners)[:, order], flat[:3][order])
+        labels: list[_Label] = [_Label(flat[:3][order], "P", INK)]
         for number, chain in enumerate(chains):
             colour = _LIMBS[number % len(_LIMBS)]
             own = [
@@ -77,7 +91,7 @@ def draw_mechanism(
             for line in own or [np.array(joints)]:
                 axes.plot(*line[:, order].T, color=colour, linewidth=3.0, solid_capstyle="round",
                           zorder=3)  # fmt: skip
-            _draw_joints(axes, chain.joints, number + 1, order, colour)
+            labels += _draw_joints(axes, chain.joints, own, number + 1, order, colour)
         bases = np.array([chain.joints[0].point for chain in chains])[:, order]
         ring = np.vstack([bases, bases[:1]])
         axes.plot(*ring.T, color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
@@ -98,6 +112,7 @@ def draw_mechanism(
         if mechanism.vertical == 0:
             axes.invert_zaxis()  # the paper's x points downwards
         fit_axes(figure, axes, (0.03, 0.06, 0.74, 0.8))
+        _write_labels(figure, axes, labels)
         _write_legend(figure, mechanism, chains)
         units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
         units |= {c.name: mechanism.unit(c) for c in mechanism.pose}
@@ -124,25 +139,87 @@ def _draw_platform(axes: Any, corners: NDArray[np.float64], centre: NDArray[np.f
         autolim=False,
     )
     axes.scatter(*centre[:, None], color=INK, s=12, zorder=5)
-    axes.text(*centre, " P", fontsize=8, zorder=6)
 
 
-def _draw_joints(axes: Any, joints: Any, number: int, order: list[int], colour: str) -> None:
-    """Draw markers and names; joints at one place share a label."""
-    labels: list[tuple[NDArray[np.float64], str]] = []
+def _draw_joints(
+    axes: Any,
+    joints: Any,
+    links: list[NDArray[np.float64]],
+    number: int,
+    order: list[int],
+    colour: str,
+) -> list[_Label]:
+    """Draw markers and return their names; joints at one place share a label.
+
+    A prismatic joint at the end of a link stands within the link, where the link telescopes.
+    """
+    labels: list[_Label] = []
     for joint in joints:
         place = joint.point[order]
+        taken = any(np.allclose(other.place, place) for other in labels)
+        along = [s for s in links if np.allclose(s[0], joint.point)]
+        if joint.kind == "P" and taken and along:
+            place = (along[0][0] + _TELESCOPE * (along[0][1] - along[0][0]))[order]
         face = _ACTUATED if joint.drive else "white"
         axes.scatter(*place[:, None], marker=_MARKERS[joint.kind], s=46, facecolor=face,
                      edgecolor=colour, linewidth=1.3, depthshade=False, zorder=5)  # fmt: skip
-        for k, (other, text) in enumerate(labels):
-            if np.allclose(other, place):
-                labels[k] = other, f"{text},{joint.kind}{number}"
-                break
+        name = f"{joint.kind}{number}"
+        same = [k for k, other in enumerate(labels) if np.allclose(other.place, place)]
+        if same:
+            labels[same[0]] = labels[same[0]]._replace(text=f"{labels[same[0]].text}, {name}")
         else:
-            labels.append((place, f"{joint.kind}{number}"))
-    for place, text in labels:
-        axes.text(*place, f"  {text}", fontsize=7.5, color=colour, zorder=6)
+            labels.append(_Label(place, name, colour))
+    return labels
+
+
+def _write_labels(figure: Any, axes: Any, labels: list[_Label]) -> None:
+    """Write names beside their joints, each where it covers least, preferably outwards."""
+    from matplotlib.patheffects import withStroke
+    from mpl_toolkits.mplot3d import proj3d
+
+    def projected(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        flat = np.stack(proj3d.proj_transform(*places.T, axes.get_proj())[:2], axis=1)
+        return np.asarray(axes.transData.transform(flat))
+
+    pixels = projected(np.array([one.place for one in labels]))
+    renderer = figure.canvas.get_renderer()
+    # Tick labels, markers and points along the lines: boxes (x0, y0, x1, y1) not to be covered.
+    boxes = [
+        text.get_window_extent(renderer).extents
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis)
+        for text in (*axis.get_ticklabels(), axis.label)
+        if text.get_text()
+    ]
+    boxes += [np.concatenate([pixel - _MARK, pixel + _MARK]) for pixel in pixels]
+    for line in axes.lines:
+        ends = projected(np.stack(line.get_data_3d(), axis=1))
+        for start, end in itertools.pairwise(ends):
+            count = 2 + int(np.linalg.norm(end - start) / 6)
+            for point in np.linspace(start, end, count):
+                boxes.append(np.concatenate([point - 3, point + 3]))
+    covered = np.array(boxes)
+    frame = np.array([figure.bbox.width, figure.bbox.height])
+    ways = [np.array([np.cos(t), np.sin(t)]) for t in np.linspace(0, 2 * np.pi, 24, endpoint=False)]
+    centre = pixels.mean(axis=0)
+    halo = [withStroke(linewidth=2.2, foreground="white")]
+    for one, pixel in zip(labels, pixels, strict=True):
+        written = figure.text(0.0, 0.0, one.text, fontsize=7.5, color=one.colour, ha="center",
+                              va="center", path_effects=halo)  # fmt: skip
+        box = written.get_window_extent(renderer)
+        half = np.array([box.width, box.height]) / 2
+        outward = (pixel - centre) / max(float(np.linalg.norm(pixel - centre)), 1.0)
+        best, least = pixel, np.inf
+        for reach, way in itertools.product((1.0, 1.5, 2.2), ways):
+            middle = pixel + way * (reach * _MARK + np.abs(way) @ half)
+            if (middle - half < 4).any() or (middle + half > frame - 4).any():
+                continue
+            over = np.minimum(middle + half, covered[:, 2:])
+            over = np.maximum(over - np.maximum(middle - half, covered[:, :2]), 0.0)
+            cost = over.prod(axis=1).sum() + 20.0 * (1 - way @ outward) + 60.0 * (reach - 1.0)
+            if cost < least:
+                best, least = middle, cost
+        written.set_position(figure.transFigure.inverted().transform(best))
+        covered = np.vstack([covered, [*(best - half), *(best + half)]])
 
 
 def _write_legend(figure: Any, mechanism: Mechanism, chains: Any) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from pmopt.analysis.singularities import KINDS, Nearness, SingularityResult, find_singularities
+from pmopt.analysis.crossings import PathResult
+from pmopt.analysis.measures import KINDS
+from pmopt.analysis.singularities import Nearness, SingularityResult, find_singularities
 from pmopt.analysis.sweeper import Notify
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
@@ -84,9 +86,10 @@ def _numbers(result: SingularityResult) -> tuple[Table, Table, Table]:
     )  # fmt: skip
     families: list[tuple[Cell, ...]] = [
         (
-            KINDS.get(f.kind, f.kind),
-            ", ".join(f"{k} = {_angle(v, units[k])}" for k, v in f.fixed.items()),
+            KINDS[f.kind],
+            ", ".join(f"{k} = {_angle(v, units[k])}" for k, v in f.fixed.items()) or "all poses",
             ", ".join(f.free),
+            "inside" if f.in_domain else "beyond",
             f.largest_lci,
             f.poses,
         )
@@ -94,10 +97,15 @@ def _numbers(result: SingularityResult) -> tuple[Table, Table, Table]:
     ]
     second = Table(
         "Singular families: every reachable pose of the slice is singular",
-        ("kind", "slice", "any", "largest_lci", "poses"),
+        ("kind", "slice", "any", "domain", "largest_lci", "poses"),
         tuple(families),
         {},
-        () if families else ("none among the slices through 0 and quarter turns",),
+        (
+            "searched in all orientations that the limits leave; domain: whether the slice passes "
+            "through the domain of the workspace"
+            if families
+            else "none among the slices that fix coordinates, in all orientations",
+        ),
     )
     rows: list[tuple[Cell, ...]] = []
     for w in result.walls:
@@ -140,7 +148,7 @@ def singularity_tables(result: SingularityResult) -> list[Table]:
         ("lci at home", result.home_lci, ""),
     ]
     rows += [
-        (f"determinant, {KINDS.get(n.kind, n.kind)}, {n.part}", n.smallest,
+        (f"determinant, {KINDS[n.kind]}, {n.part}", n.smallest,
          _where(n, result.units))
         for n in result.nearness
     ]  # fmt: skip
@@ -158,3 +166,32 @@ def singularity_tables(result: SingularityResult) -> list[Table]:
          "sampled poses; a determinant that changes sign is 0 somewhere",),
     )  # fmt: skip
     return [near, *_numbers(result)]
+
+
+def path_tables(result: PathResult) -> list[Table]:
+    """Return the crossings of a path, and how near it comes to each kind of singularity."""
+    units = result.units
+    timed = any(c.time is not None for c in result.crossings)
+    poses = [name for name in units if result.crossings and name in result.crossings[0].pose]
+    crossings: list[tuple[Cell, ...]] = [
+        (KINDS[c.kind], c.part, *([c.time] if timed else []), c.row, c.until, c.changes_sign,
+         *(c.pose[k] for k in poses))
+        for c in result.crossings
+    ]  # fmt: skip
+    first = Table(
+        f"{result.mechanism}: crossings of a path of {result.rows} poses",
+        ("kind", "part", *(["t"] if timed else []), "row", "until", "changes_sign", *poses),
+        tuple(crossings),
+        units | {"t": units["time"]},
+        ("rows count from 1; between rows the path is straight in the pose's coordinates",)
+        if crossings
+        else ("none: every determinant keeps its sign",),
+    )
+    second = Table(
+        "Smallest determinants met",
+        ("kind", "part", "row", "value"),
+        tuple((KINDS[n.kind], n.part, n.row, n.value) for n in result.nearest),
+        {},
+        (f"working mode {result.working_mode}; determinants are normalised, without unit",),
+    )
+    return [first, second]

@@ -239,7 +239,10 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     ]  # fmt: skip
     if result.shape:
         names = ["workspace", *(f"{r.lower:g} <= lci < {r.upper:g}" for r in result.regions)]
-        shapes = (result.shape.workspace, *result.shape.regions)
+        shapes = [result.shape.workspace, *result.shape.regions]
+        if result.projection:
+            names.append("positions reached")
+            shapes.append(result.projection.shape)
         tables.append(
             Table(
                 f"Shape, counted on {result.shape.grid} cells an axis",
@@ -247,7 +250,9 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
                 tuple((n, t.pieces, t.voids, t.pockets, t.confirmed)
                       for n, t in zip(names, shapes, strict=True)),
                 {},
-                ("voids are enclosed, pockets open to the domain's boundary only; confirmed: a "
+                (*([f"positions reached: on {result.projection.grid} voxels along the longest side"]
+                   if result.projection else []),
+                 "voids are enclosed, pockets open to the domain's boundary only; confirmed: a "
                  "coarser grid counts the same",),
             )
         )  # fmt: skip

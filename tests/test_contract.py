@@ -118,6 +118,18 @@ def test_declarations(mechanism):
     assert all(low < high for low, high in ranges.values())
 
 
+def test_every_measure_says_where_it_vanishes(mechanism):
+    params = mechanism.resolve({})
+    (pose, solution), *_ = reachable(mechanism, params, 1)
+    measures = mechanism.singularity_measures(params, pose, solution.joints)
+    assert {"inverse", "forward"} <= set(measures) <= {"inverse", "forward", "constraint"}
+    for kind, parts in measures.items():
+        assert parts
+        for part, value in parts.items():
+            assert mechanism.condition(kind, part).strip()
+            assert abs(value) <= 1 + 1e-9
+
+
 def test_defaults_are_feasible(mechanism):
     """The default design has a workspace within the default domain."""
     params = mechanism.resolve({})

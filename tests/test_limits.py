@@ -168,3 +168,33 @@ def test_random_poses_are_told_apart(mechanism):
     assert np.isfinite(facts.position).all()
     assert np.isfinite(facts.segments).all()
     assert np.isfinite(facts.entries).all()
+
+
+def test_shape_is_counted_in_any_dimension(mechanism):
+    """Pose space and positions; the papers' "no holes" is answered for every mechanism."""
+    result = compute_workspace(mechanism, settings=WorkspaceSettings(samples=1 << 16))
+    document = result.to_dict()
+    cells = {3: 96, 4: 28, 5: 14}[len(mechanism.pose)]
+    assert document["shape"]["grid"] == cells
+    assert (result.shape.workspace.pieces, result.shape.workspace.voids) == (1, 0)
+    assert document["projected_shape"]["pieces"] == 1
+    for region, topology in zip(result.regions, result.shape.regions, strict=True):
+        if region.volume.value == 0:
+            assert topology.pieces == 0
+
+
+def test_a_cavity_of_the_positions_is_a_void_and_no_volume():
+    """A spindle torus' cavity, whole: neither counted with the positions nor filled by chance."""
+    mechanism = find("2pauu-ppap")
+    settings = WorkspaceSettings(domain={"z": (-math.inf, math.inf)})
+    sweeper = Sweeper(mechanism, settings)
+    change = {"m": 1, "n": 1, "l1": 1, "l2": 1.6}
+    found = measure_projection(sweeper, sweeper.design(mechanism.resolve(change)))
+    assert (found.shape.pieces, found.shape.voids, found.shape.confirmed) == (1, 1, True)
+    exact = compute_workspace(mechanism, change, settings, shape_grid=0).volume.value
+    assert abs(found.volume.value - exact) < 3 * found.volume.error
+
+
+def test_too_fine_a_grid_is_refused(mechanism):
+    with pytest.raises(InputError, match="shape_grid=9999"):
+        compute_workspace(mechanism, shape_grid=9999)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from pmopt.analysis.aspects import determinants, map_aspects
+from pmopt.analysis.crossings import follow_path
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities import find_singularities
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.analysis.workspace import compute_workspace
-from pmopt.errors import InfeasibleError, InputError
+from pmopt.errors import InfeasibleError, InputError, UnreachableError
 from pmopt.mechanisms import find
 
 FEW = WorkspaceSettings(samples=1 << 15)
@@ -64,13 +65,20 @@ def test_families_are_singular_and_walls_are_real(mechanism):
     design = sweeper.design(mechanism.resolve({}))
     names = [c.name for c in mechanism.pose]
     rng = np.random.default_rng(11)
-    for family in families(result):
-        poses = design.lower[:, None] + design.width[:, None] * rng.uniform(size=(len(names), 4000))
-        for name, value in family.items():
-            poses[names.index(name)] = value
+    lower, upper = mechanism.reach_box(design.parameters, design.limits)
+    for family in result.families:
+        assert set(family.free) == set(names) - set(family.fixed)
+        unit = rng.uniform(size=(len(names), 20000))
+        poses = lower[:, None] + (upper - lower)[:, None] * unit
+        inside = True
+        for name, value in family.fixed.items():
+            k = names.index(name)
+            poses[k] = value
+            inside &= design.lower[k] - 1e-9 <= value <= design.lower[k] + design.width[k] + 1e-9
         margin, lci = sweeper.field(design, poses)
         assert (margin >= 0).sum() > 5
         assert lci[margin >= 0].max() < 1e-7
+        assert family.in_domain == inside
     assert len(result.walls) >= len(names)
     home = list(result.home.values())
     for w in result.walls:
@@ -118,7 +126,8 @@ def test_2pauu_out_in_is_singular_everywhere_for_one_torus():
         {"m": 1, "n": 1},
         WorkspaceSettings(samples=1 << 14, working_mode="out-in"),
     )
-    assert {"x": 0.0} in families(result) or result.smallest_lci < 1e-12
+    assert families(result) == [{}]
+    assert result.families[0].free == ("x", "y", "z")
 
 
 def test_3_ups_sp_is_singular_at_every_level_pose():
@@ -134,24 +143,43 @@ def test_3_ups_sp_kite_leaves_one_wall_among_level_poses():
     kite = find_singularities(mechanism, {"kite": 0.6}, FEW)
     assert {"theta": 0.0, "psi": 0.0} not in families(kite)
     assert {"phi": 0.0, "theta": 0.0, "psi": 0.0} in families(kite)
-    both = find_singularities(mechanism, {"kite": 0.6, "twist": 0.6}, FEW)
-    assert not any({"theta", "psi"} <= set(f) for f in families(both))
+
+
+@pytest.mark.parametrize("twist", [0.3, 0.6])
+def test_3_ups_sp_twist_moves_the_wall_of_the_kite(twist):
+    """phi + twist = 0: found where the determinant vanishes, at no special value."""
+    result = find_singularities(find("3-ups-sp"), {"kite": 0.6, "twist": twist}, FEW)
+    (wall,) = [f.fixed for f in result.families if f.in_domain]
+    assert wall == {"phi": pytest.approx(-twist, abs=1e-9), "theta": 0.0, "psi": 0.0}
 
 
 def test_4_ups_rps_wall_of_level_poses():
-    result = find_singularities(find("4-ups-rps"), settings=WorkspaceSettings(
-        samples=1 << 15, domain={"gamma": (-0.5, 2.7)}))  # fmt: skip
-    assert {"alpha": 0.0, "beta": 0.0, "gamma": 0.0} in families(result)
+    """Beyond the default domain, found all the same; inside it if the domain is given wider."""
+    mechanism = find("4-ups-rps")
+    level = {"alpha": 0.0, "beta": 0.0, "gamma": 0.0}
+    wide = WorkspaceSettings(samples=1 << 15, domain={"gamma": (-0.5, 2.7)})
+    for settings, inside in ((FEW, False), (wide, True)):
+        found = find_singularities(mechanism, settings=settings).families
+        assert [f.in_domain for f in found if f.fixed == level] == [inside]
+    narrow = WorkspaceSettings(samples=1 << 15, domain={"gamma": (1.0, 2.0)})
+    assert level not in families(find_singularities(mechanism, settings=narrow))
+
+
+def test_gimbal_lock_is_no_family():
+    """At beta = 90 deg the angles' rates are dependent, whatever the mechanism does."""
+    mechanism = find("4-ups-rps")
+    found = families(find_singularities(mechanism, settings=FEW))
+    assert {"beta": math.pi / 2} not in found
 
 
 def test_2uu_upu_forward_singularity_where_link_and_coupler_are_in_line():
-    """Found from the zeros alone: at every one kappa is 17.624512 deg in size."""
+    """Found from the zeros alone: at every one kappa is -17.624512 deg."""
     result = find_singularities(find("2uu-upu"), settings=FEW)
     (link,) = [n for n in result.nearness if n.part == "link 2"]
     assert link.crossed
     assert link.located >= 6
-    assert math.degrees(link.always["kappa"]) == pytest.approx(17.624512, abs=5e-7)
-    assert "x" not in link.always
+    assert math.degrees(link.always["kappa"]) == pytest.approx(-17.624512, abs=5e-7)
+    assert not {"x", "|x|"} & set(link.always)
 
 
 def test_home_out_of_reach_is_told():
@@ -160,3 +188,60 @@ def test_home_out_of_reach_is_told():
         compute_workspace(find("2pauu-ppap"), settings=settings)
     with pytest.raises(InfeasibleError):
         find_singularities(find("2pauu-ppap"), {"l2": 0.01, "l1": 0.01}, FEW)
+
+
+# --- paths --------------------------------------------------------------------------------
+
+
+def papers_trajectory(gamma, count=201):
+    """Return times and poses of section 3.1 of the 4-UPS-RPS paper, z from the constraint."""
+    times = np.linspace(0, 2, count).tolist()
+    return times, [
+        {
+            "x": 900 + 50 * math.cos(2 * t), "y": 50 * math.sin(2 * t),
+            "alpha": math.pi / 36 * (t - 1), "beta": math.pi / 36 * (t - 1), "gamma": gamma,
+        }
+        for t in times
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [201, 200])
+def test_the_papers_trajectory_crosses_at_one_second(count):
+    """At a row of the path (201 rows, the zero itself) and between two of them."""
+    mechanism = find("4-ups-rps")
+    times, path = papers_trajectory(0.0, count)
+    result = follow_path(mechanism, {}, path, times)
+    (crossing,) = result.crossings
+    assert (crossing.kind, crossing.part) == ("forward", "platform")
+    assert crossing.changes_sign
+    assert crossing.time == pytest.approx(1.0, abs=1e-9)
+    assert crossing.row == crossing.until == pytest.approx(1 + (count - 1) / 2, abs=1e-9)
+    assert crossing.pose["alpha"] == pytest.approx(0.0, abs=1e-9)
+    turned = follow_path(mechanism, {}, papers_trajectory(math.pi / 2, count)[1])
+    assert turned.crossings == ()
+    (least,) = [n for n in turned.nearest if n.kind == "forward"]
+    assert abs(least.value) > 1e-3
+
+
+def test_a_stretch_that_is_singular_is_one_crossing():
+    """3-UPS/SP: along level poses, then off them and through the level at a tilt's zero."""
+    path = [
+        {"phi": 0.1 * k, "theta": theta, "psi": 0.0, "l4": 60.0}
+        for k, theta in enumerate((0.0, 0.0, 0.0, 0.02, -0.04))
+    ]
+    first, second = follow_path(find("3-ups-sp"), {}, path).crossings
+    assert (first.row, first.until, first.changes_sign) == (1.0, 3.0, False)
+    assert second.row == pytest.approx(4 + 1 / 3, abs=1e-9)
+    assert second.changes_sign
+    assert second.time is None
+
+
+def test_bad_paths_are_told_by_line():
+    mechanism = find("2pauu-ppap")
+    good, far = {"x": 0.0, "y": 0.0, "z": 1.5}, {"x": 9.0, "y": 0.0, "z": 1.5}
+    with pytest.raises(UnreachableError, match=r"line 2.*out of reach"):
+        follow_path(mechanism, {}, [good, far])
+    with pytest.raises(InputError, match="at least two"):
+        follow_path(mechanism, {}, [good])
+    with pytest.raises(InputError, match="line 1: z is missing"):
+        follow_path(mechanism, {}, [{"x": 0.0, "y": 0.0}, good])

@@ -98,7 +98,6 @@ def slopes(function, pose):
 # --- the model's numbers ------------------------------------------------------------------
 
 
-# fmt: off
 @pytest.mark.parametrize(("pose", "z", "lengths"), [
     ((900, 0, 0, 0, QUARTER), 0,
      (1036.9305666244, 1017.1777228818, 1004.7174588946, 1004.7174588946, 1017.1777228818)),
@@ -108,8 +107,7 @@ def slopes(function, pose):
      (1096.4842216191, 1051.3550702153, 1028.1587920168, 1046.2498533585, 1082.3095872821)),
     ((900, 30, 0.05, -0.08, QUARTER + 0.1), -20.1018522520,
      (1012.7607946713, 1001.8159928834, 1023.9381582852, 1023.3892234003, 1005.5554574693)),
-])
-# fmt: on
+])  # fmt: skip
 def test_numbers_of_the_model(pose, z, lengths):
     (solution,) = RPS.inverse(DEFAULT, posed(*pose))
     assert solution.working_mode == "direct"
@@ -339,7 +337,7 @@ def test_velocity_maps_equal_finite_differences(params, pose):
 
 @given(designs, poses)
 def test_full_map_tells_limb_rates_and_the_constraint(params, pose):
-    """Fed with (v, omega) of each pose coordinate: the lengths' rates, and S1 stays in its plane."""
+    """Fed with (v, omega) of each pose coordinate: rates of lengths, and S1 stays in its plane."""
     motion = slopes(lambda p: np.column_stack([*place_of(params, p)[:2]]), pose)
     rotation = rotation_of(pose)
     full = RPS.full_map(params, pose)

@@ -13,7 +13,7 @@ import pytest
 
 from pmopt.analysis import workspace as workspace_module
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.shape import _topology
+from pmopt.analysis.shape import topology_of
 from pmopt.analysis.sweeper import Sweeper, chunk_ranges
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InputError, PmoptError
@@ -538,19 +538,19 @@ WHOLE = np.zeros((3, 2), dtype=bool)  # no face of the box cuts off what could b
 
 
 def counts(members, cut=WHOLE):
-    topology = _topology(members, cut)
+    topology = topology_of(members, cut)
     return topology.pieces, topology.voids, topology.pockets, topology.specks
 
 
-def test_topology_of_balls():
+def testtopology_of_of_balls():
     large, small = ball(0.4, (-0.5, -0.5, -0.5)), ball(0.3, (0.5, 0.5, 0.5))
     assert counts(large) == (1, 0, 0, 0)
     assert counts(large | small) == (2, 0, 0, 0)
     sizes = np.array([large.sum(), small.sum()])
-    assert _topology(small | large, WHOLE).piece_shares == pytest.approx(sizes / sizes.sum())
+    assert topology_of(small | large, WHOLE).piece_shares == pytest.approx(sizes / sizes.sum())
 
 
-def test_topology_of_holes():
+def testtopology_of_of_holes():
     hollow = ball(0.8) & ~ball(0.5)
     assert counts(hollow) == (1, 1, 0, 0)
     assert counts(hollow | ball(0.2)) == (2, 1, 0, 0)
@@ -561,7 +561,7 @@ def test_topology_of_holes():
     assert counts(two) == (1, 2, 0, 0)
 
 
-def test_topology_of_a_bowl():
+def testtopology_of_of_a_bowl():
     """A hollow ball cut in half: its hole opens to the face of the domain only."""
     hollow = ball(0.8) & ~ball(0.5)
     floor, side = WHOLE.copy(), WHOLE.copy()
@@ -573,7 +573,7 @@ def test_topology_of_a_bowl():
     assert counts(full[:, :, 20:], floor) == (1, 0, 0, 0)
 
 
-def test_topology_of_specks():
+def testtopology_of_of_specks():
     """Less than 0.1 % of the cells, or eight: too small for the grid to tell."""
     members = ball(0.9)
     members[0, 0, 0] = True
@@ -590,7 +590,7 @@ def test_topology_of_specks():
     assert counts(~nothing) == (1, 0, 0, 0)
 
 
-def test_topology_joins_by_faces():
+def testtopology_of_joins_by_faces():
     """Pieces share faces; holes leak through edges and corners."""
     members = np.zeros((12, 12, 12), dtype=bool)
     members[1:5, 1:5, 1:5] = True

@@ -127,6 +127,50 @@ def measure_projection(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Positions:
+    """The positions reached on voxels: ``best`` is the largest LCI met in each, NaN in none."""
+
+    lower: Vector
+    step: float
+    best: NDArray[np.float64]
+
+
+def reached_positions(
+    sweeper: Sweeper, design: Design, samples: int = PROJECTION_SAMPLES, most: int = 44
+) -> Positions | None:
+    """Return where the platform's centre, or the tool point, gets; None where it gets nowhere.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    samples : int
+    most : int
+        Voxels along the longest side, fewer where samples are few.
+    """
+    points = sweeper.for_purpose(f"{sweeper.purpose}, positions").sequence(1)
+    poses, lci = reachable_poses(sweeper, design, points, 0, max(1, samples // BLOCK) * BLOCK)
+    places = sweeper.probe(design, poses).tool
+    if len(places) < _POINTS_A_VOXEL:
+        return None
+    lower, upper = places.min(axis=0), places.max(axis=0)
+    grid = int(np.clip((len(places) / _POINTS_A_VOXEL) ** (1 / 3) * 1.5, 6, most))
+    step = float((upper - lower).max()) / grid
+    if step == 0:
+        return None
+    cells = np.floor((places - lower) / step).astype(np.int64)
+    best = np.full(cells.max(axis=0) + 1, -1.0)
+    np.maximum.at(best, tuple(cells.T), lci)
+    # A hole of few voxels is one by chance: it takes its surroundings' value.
+    from scipy import ndimage
+
+    full = occupied(places, lower, step)
+    around = ndimage.maximum_filter(best, 3)
+    best = np.where(best < 0, np.where(full, around, np.nan), best)
+    return Positions(lower, step, best)
+
+
 def occupied(
     places: NDArray[np.float64], lower: NDArray[np.float64], step: float
 ) -> NDArray[np.bool_]:

@@ -48,13 +48,15 @@ _BEYOND = 0.02
 class Nearness:
     """How near the sampled workspace comes to one kind of singularity of one limb.
 
-    ``smallest`` is the least absolute value of the normalised determinant met, 0 where it is
-    crossed; ``negative`` the share of poses where it is negative. ``always`` are coordinates whose
-    absolute value is the same at every one of ``located`` zeros between poses of either sign.
+    ``condition`` says where the normalised determinant vanishes, ``smallest`` is its least
+    absolute value met, 0 where it is crossed; ``negative`` the share of poses where it is negative.
+    ``always`` are coordinates, or their sizes as ``|name|``, that are the same at every one of
+    ``located`` zeros between poses of either sign.
     """
 
     kind: str
     part: str
+    condition: str
     smallest: float
     negative: float
     crossed: bool
@@ -305,7 +307,8 @@ def _nearness(
         crossed = bool(values.min() < 0 < values.max())
         zeros = _zeros(sweeper, parameters, (kind, part), poses, values) if crossed else []
         result.append(
-            Nearness(kind, part, 0.0 if crossed else float(np.abs(values).min()),
+            Nearness(kind, part, mechanism.condition(kind, part),
+                     0.0 if crossed else float(np.abs(values).min()),
                      float((values < 0).mean()), crossed, len(zeros), _always(zeros))
         )  # fmt: skip
     return tuple(result), least
@@ -339,11 +342,17 @@ def _zeros(
 
 
 def _always(zeros: list[dict[str, float]]) -> dict[str, float]:
-    """Return the coordinates whose absolute value is the same in all of some points."""
+    """Return what is the same in all of some points: coordinates, or their sizes as ``|name|``."""
     if len(zeros) < _ZEROS // 2:
         return {}
-    sizes = {k: np.abs([zero[k] for zero in zeros]) for k in zeros[0]}
-    return {k: float(v.mean()) for k, v in sizes.items() if np.ptp(v) <= _SAME}
+    found = {}
+    for name in zeros[0]:
+        values = np.array([zero[name] for zero in zeros])
+        if np.ptp(values) <= _SAME:
+            found[name] = float(values.mean())
+        elif np.ptp(np.abs(values)) <= _SAME:
+            found[f"|{name}|"] = float(np.abs(values).mean())
+    return found
 
 
 def _kind_at(sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]) -> str:

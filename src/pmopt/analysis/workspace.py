@@ -9,7 +9,7 @@ from typing import Any
 
 from pmopt.analysis.aspects import make_sweeper, require_home
 from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
-from pmopt.analysis.projection import Projection, measure_projection
+from pmopt.analysis.projection import PROJECTION_SAMPLES, Projection, measure_projection
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
 from pmopt.analysis.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
 from pmopt.analysis.sweeper import (
@@ -245,7 +245,9 @@ def compute_workspace(
         tallies,
         estimates,
         measure_shape(sweeper, design, cells) if cells > 0 else None,
-        measure_projection(sweeper, design) if cells > 0 else None,
+        measure_projection(sweeper, design, min(estimates.samples, PROJECTION_SAMPLES))
+        if cells > 0
+        else None,
     )
 
 

@@ -188,6 +188,9 @@ class Mechanism(ABC):
     parasitic: ClassVar[tuple[Coordinate, ...]] = ()
     #: Other readings of the limbs, for ``pmopt mobility``: name to description.
     layouts: ClassVar[Mapping[str, str]] = {}
+    #: In words where a measure of :meth:`singularity_measures` vanishes, by ``"kind"`` or by
+    #: ``"kind, part"``.
+    conditions: ClassVar[Mapping[str, str]]
     working_modes: ClassVar[tuple[str, ...]]
     default_jacobian: ClassVar[JacobianKind]
     length_meaning: ClassVar[str]
@@ -288,6 +291,10 @@ class Mechanism(ABC):
     @abstractmethod
     def velocity_map_units(self) -> dict[str, str]:
         """Return the units of J_X and J_q in words."""
+
+    def condition(self, kind: str, part: str) -> str:
+        """Say in words where a measure vanishes."""
+        return self.conditions.get(f"{kind}, {part}") or self.conditions[kind]
 
     def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
         """Return whether a pose keeps the limits that are design parameters."""

@@ -6,9 +6,18 @@ Rot = Rz(alpha) Ry(beta) Rx(gamma), e_i = Rot t_i, w_i = P + Rot b_i - A_i - (h_
 
     e_i . w_i = 0        |w_i| = L
 
-z, beta and gamma are free; x, y and alpha follow. With g_i the horizontal part of w_i and
-zeta_i = +-sqrt(L^2 - |g_i|^2) its height, the three e_i . w_i = 0 are solved for x, y, alpha by
-Newton's method, and h_i = z + (Rot b_i)_z - zeta_i - d1: z decouples from the rest.
+z, beta and gamma are free; x, y and alpha follow. The two conditions say that with theta_i, the
+theta5 of limb i, w_i = L Rot (cos theta_i r_i + sin theta_i z). In the frame that yaws with the
+platform (r_i' = Ry Rx r_i and z' = Ry Rx z are known there) the limbs close horizontally where::
+
+    p + Rb r_i' - Rz(-alpha) A_i = L (cos theta_i r_i' + sin theta_i z')
+
+Six equations for p (of which x, y come by turning it), alpha and the theta_i, solved by Newton's
+method; nothing special happens to them where a link lies flat. Then h_i = z + (Rb r_i')_z - w_iz
+- d1: z decouples from the rest.
+
+n_i = (u, v) is the horizontal normal of the derivative of w_i by theta_i. The force by which limb i
+constrains the platform goes along it, through the U joint: L n_i = w_iz e_i - e_iz w_i.
 """
 
 from __future__ import annotations
@@ -16,7 +25,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +49,16 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.numerics.newton import real_roots
 from pmopt.numerics.rotation import main_range, rotation_matrices
-from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
+from pmopt.numerics.trigonometry import sin_cos
 
 TINY = 1e-300
 #: Cosine and sine of the azimuths.
 CUR_C2 = -0.5
 CUR_S2 = 0.8660254037844386
-#: Newton steps; a residual beyond the tolerance (over L) means that there is no solution.
-CUR_STEPS = 18
-#: The first steps follow the solution from the level platform to the tilt.
-CUR_STAGES = 12.0
+#: A gap in closing beyond this (over L) means that there is no solution.
 CUR_TOLERANCE = 1e-10
-#: Least height of a link over L while solving: keeps its slope finite at the end of reach.
-CUR_LOWEST = 1e-7
+#: Longest Newton step of each unknown, lengths over L.
+CUR_LONGEST = 0.5
 
 MODE_SIGNS = {
     "-".join("up" if s > 0 else "down" for s in signs): signs
@@ -62,43 +68,32 @@ MODE_SIGNS = {
 _OURS = "ours: the paper gives no sizes"
 
 
-def cur_limb(r, x, y, c, s, sign, ra, rb, length):  # type: ignore[no-untyped-def]
-    """Return b = Rot b_i, e_i, the horizontal part of w_i, and its height squared and signed."""
-    r11, r12, _, r21, r22, _, r31, r32, _ = r
-    bx = rb * (r11 * c + r12 * s)
-    by = rb * (r21 * c + r22 * s)
-    bz = rb * (r31 * c + r32 * s)
-    ex = r12 * c - r11 * s
-    ey = r22 * c - r21 * s
-    ez = r32 * c - r31 * s
-    gx = x + bx - ra * c
-    gy = y + by - ra * s
-    square = length * length - gx * gx - gy * gy
-    least = CUR_LOWEST * length
-    zeta = sign * math.sqrt(square if square > least * least else least * least)
-    return bx, by, bz, ex, ey, ez, gx, gy, square, zeta
+def cur_tilt(beta, gamma):  # type: ignore[no-untyped-def]
+    """Return the horizontal parts of r_1', r_2', r_3' and z'; r_1' has no y."""
+    sin_b, cos_b = sin_cos(beta)
+    sin_g, cos_g = sin_cos(gamma)
+    tx = CUR_S2 * (sin_b * sin_g)
+    ty = CUR_S2 * cos_g
+    rx = CUR_C2 * cos_b
+    return cos_b, rx + tx, ty, rx - tx, -ty, sin_b * cos_g, -sin_g
 
 
-def cur_turned(limb, ax, ay, az):  # type: ignore[no-untyped-def]
-    """Return zeta times the rates of e.w and of h by a turn about an axis."""
-    bx, by, bz, ex, ey, ez, gx, gy, _, zeta = limb
-    dbx = ay * bz - az * by
-    dby = az * bx - ax * bz
-    dbz = ax * by - ay * bx
-    dex = ay * ez - az * ey
-    dey = az * ex - ax * ez
-    dez = ax * ey - ay * ex
-    sway = gx * dbx + gy * dby
-    rate = dex * gx + dey * gy + ex * dbx + ey * dby + dez * zeta
-    return rate * zeta - ez * sway, dbz * zeta + sway
+def cur_columns(c, s, ra):  # type: ignore[no-untyped-def]
+    """Return Rz(-alpha) A_i, two coordinates each."""
+    cx = CUR_C2 * ra * c
+    cy = CUR_C2 * ra * s
+    sx = CUR_S2 * ra * s
+    sy = CUR_S2 * ra * c
+    return ra * c, -ra * s, cx + sx, sy - cy, cx - sx, -sy - cy
 
 
-def cur_slope(limb):  # type: ignore[no-untyped-def]
-    """Return e.w, zeta times its rates by x, y, alpha, and zeta times those of h."""
-    _, _, _, ex, ey, ez, gx, gy, _, zeta = limb
-    f_a, h_a = cur_turned(limb, 0.0, 0.0, 1.0)
-    value = ex * gx + ey * gy + ez * zeta
-    return value, ex * zeta - ez * gx, ey * zeta - ez * gy, f_a, gx, gy, h_a
+def cur_gap(px, py, ax, ay, rx, ry, zx, zy, c, s, rb):  # type: ignore[no-untyped-def]
+    """Return n of a limb, its moment about the origin, and by how much the limb does not close."""
+    u = c * zy - s * ry
+    v = s * rx - c * zx
+    gap_x = px + (rb - c) * rx - s * zx - ax
+    gap_y = py + (rb - c) * ry - s * zy - ay
+    return u, v, ax * v - ay * u, gap_x, gap_y
 
 
 def cur_adjugate(a, b, c, d, e, f, g, h, i):  # type: ignore[no-untyped-def]
@@ -114,64 +109,97 @@ def cur_adjugate(a, b, c, d, e, f, g, h, i):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def cur_solve(beta, gamma, ra, rb, length, s1, s2, s3):  # type: ignore[no-untyped-def]
-    """Return x, y, alpha and the largest residual over L, by continuation from the level pose."""
-    rise = length * length - (ra - rb) * (ra - rb)
-    rise = math.sqrt(rise if rise > 0.0 else 0.0) * (s1 + s2 + s3) / 3.0
-    x = 0.0
-    y = 0.0
-    alpha = 0.0
-    before_x = -rise * beta / CUR_STAGES
-    before_y = rise * gamma / CUR_STAGES
-    before_alpha = 0.0
-    worst = 0.0
-    for step in range(CUR_STEPS):
-        # One step each on the way to the tilt, started by extrapolation, the rest at it.
-        stage = step + 1.0 if step + 1.0 < CUR_STAGES else CUR_STAGES
-        tilt_beta = beta * stage / CUR_STAGES
-        tilt_gamma = gamma * stage / CUR_STAGES
-        ahead = 1.0 if step < CUR_STAGES else 0.0
-        next_x = x + ahead * (x - before_x)
-        next_y = y + ahead * (y - before_y)
-        next_alpha = alpha + ahead * (alpha - before_alpha)
-        before_x = x
-        before_y = y
-        before_alpha = alpha
-        x = next_x
-        y = next_y
-        alpha = next_alpha
-        r = roll_pitch_yaw(alpha, tilt_beta, tilt_gamma)
-        k1 = cur_slope(cur_limb(r, x, y, 1.0, 0.0, s1, ra, rb, length))
-        k2 = cur_slope(cur_limb(r, x, y, CUR_C2, CUR_S2, s2, ra, rb, length))
-        k3 = cur_slope(cur_limb(r, x, y, CUR_C2, -CUR_S2, s3, ra, rb, length))
-        z1 = cur_limb(r, x, y, 1.0, 0.0, s1, ra, rb, length)[9]
-        z2 = cur_limb(r, x, y, CUR_C2, CUR_S2, s2, ra, rb, length)[9]
-        z3 = cur_limb(r, x, y, CUR_C2, -CUR_S2, s3, ra, rb, length)[9]
-        adj = cur_adjugate(k1[1], k1[2], k1[3], k2[1], k2[2], k2[3], k3[1], k3[2], k3[3])
-        d = adj[9]
-        unit = 1.0 / (d if d > 0.0 else -d if d < 0.0 else TINY)
-        unit = -unit if d < 0.0 else unit
-        unit = unit if -1e200 < unit < 1e200 else 0.0
-        f1 = k1[0] * z1 * unit
-        f2 = k2[0] * z2 * unit
-        f3 = k3[0] * z3 * unit
-        dx = adj[0] * f1 + adj[1] * f2 + adj[2] * f3
-        dy = adj[3] * f1 + adj[4] * f2 + adj[5] * f3
-        da = adj[6] * f1 + adj[7] * f2 + adj[8] * f3
-        # A long step is shortened: the branch is the one connected to the first-order solution.
-        size = abs(dx) + abs(dy) + length * abs(da)
-        cut = 0.5 * length / (size + TINY)
-        cut = cut if cut < 1.0 else 1.0
-        x = x - cut * dx
-        y = y - cut * dy
-        alpha = alpha - cut * da
-    r = roll_pitch_yaw(alpha, beta, gamma)
-    worst = abs(cur_slope(cur_limb(r, x, y, 1.0, 0.0, s1, ra, rb, length))[0])
-    other = abs(cur_slope(cur_limb(r, x, y, CUR_C2, CUR_S2, s2, ra, rb, length))[0])
-    worst = other if other > worst else worst
-    other = abs(cur_slope(cur_limb(r, x, y, CUR_C2, -CUR_S2, s3, ra, rb, length))[0])
-    worst = other if other > worst else worst
-    return x, y, alpha, worst / length
+def cur_short(step):  # type: ignore[no-untyped-def]
+    """Return a step, shortened to the longest that is allowed."""
+    step = step if step < CUR_LONGEST else CUR_LONGEST
+    return step if step > -CUR_LONGEST else -CUR_LONGEST
+
+
+def cur_turned(c, s, angle):  # type: ignore[no-untyped-def]
+    """Return cosine and sine turned by a small angle; to second order of a unit vector."""
+    turned_c = c - angle * s
+    turned_s = s + angle * c
+    scale = 1.5 - 0.5 * (turned_c * turned_c + turned_s * turned_s)
+    return turned_c * scale, turned_s * scale
+
+
+def cur_along(limb, dx, dy):  # type: ignore[no-untyped-def]
+    """Return the turn of theta that closes a limb's gap, once moved by dx, dy, along itself."""
+    u, v, _, gap_x, gap_y = limb
+    return cur_short((u * (gap_y + dy) - v * (gap_x + dx)) / (u * u + v * v + TINY))
+
+
+def cur_step(state, tilt, ra, rb):  # type: ignore[no-untyped-def]
+    """Return p, cos, sin of alpha and of the theta after a Newton step at a tilt; L is 1."""
+    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
+    r1x, r2x, r2y, r3x, r3y, zx, zy = tilt
+    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
+    k1 = cur_gap(px, py, a1x, a1y, r1x, 0.0, zx, zy, c1, s1, rb)
+    k2 = cur_gap(px, py, a2x, a2y, r2x, r2y, zx, zy, c2, s2, rb)
+    k3 = cur_gap(px, py, a3x, a3y, r3x, r3y, zx, zy, c3, s3, rb)
+    # Across w's derivative by theta three equations are left, in p and alpha.
+    f1 = k1[0] * k1[3] + k1[1] * k1[4]
+    f2 = k2[0] * k2[3] + k2[1] * k2[4]
+    f3 = k3[0] * k3[3] + k3[1] * k3[4]
+    adj = cur_adjugate(k1[0], k1[1], k1[2], k2[0], k2[1], k2[2], k3[0], k3[1], k3[2])
+    unit = -adj[9] / (adj[9] * adj[9] + TINY)
+    dx = cur_short((adj[0] * f1 + adj[1] * f2 + adj[2] * f3) * unit)
+    dy = cur_short((adj[3] * f1 + adj[4] * f2 + adj[5] * f3) * unit)
+    da = cur_short((adj[6] * f1 + adj[7] * f2 + adj[8] * f3) * unit)
+    c1, s1 = cur_turned(c1, s1, cur_along(k1, dx - a1y * da, dy + a1x * da))
+    c2, s2 = cur_turned(c2, s2, cur_along(k2, dx - a2y * da, dy + a2x * da))
+    c3, s3 = cur_turned(c3, s3, cur_along(k3, dx - a3y * da, dy + a3x * da))
+    c, s = cur_turned(c, s, da)
+    return px + dx, py + dy, c, s, c1, s1, c2, s2, c3, s3
+
+
+def cur_ahead(state, before, share):  # type: ignore[no-untyped-def]
+    """Return a state as far ahead as the last one is behind, or a share of that."""
+    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
+    qx, qy, d, t, d1, t1, d2, t2, d3, t3 = before
+    c, s = cur_turned(c, s, cur_short(share * (s * d - c * t)))
+    c1, s1 = cur_turned(c1, s1, cur_short(share * (s1 * d1 - c1 * t1)))
+    c2, s2 = cur_turned(c2, s2, cur_short(share * (s2 * d2 - c2 * t2)))
+    c3, s3 = cur_turned(c3, s3, cur_short(share * (s3 * d3 - c3 * t3)))
+    return px + share * (px - qx), py + share * (py - qy), c, s, c1, s1, c2, s2, c3, s3
+
+
+def cur_solve(beta, gamma, ra, rb, up1, up2, up3):  # type: ignore[no-untyped-def]
+    """Return p, cos, sin of alpha and of the theta, and the largest gap left; L is 1.
+
+    From the level platform by way of 0.3, 0.6 and 0.8 of the tilt. Steps are written out: a loop
+    within the sweep's loop over poses would keep that from being vectorised.
+    """
+    level = rb - ra
+    square = 1.0 - level * level
+    rise = math.sqrt(square if square > 0.0 else 0.0)
+    home = (0.0, 0.0, 1.0, 0.0, level, up1 * rise, level, up2 * rise, level, up3 * rise)
+    first = cur_step(home, cur_tilt(0.3 * beta, 0.3 * gamma), ra, rb)
+    state = cur_ahead(first, home, 1.0)
+    second = cur_step(state, cur_tilt(0.6 * beta, 0.6 * gamma), ra, rb)
+    state = cur_ahead(second, first, 0.2 / 0.3)
+    third = cur_step(state, cur_tilt(0.8 * beta, 0.8 * gamma), ra, rb)
+    state = cur_ahead(third, second, 1.0)
+    tilt = cur_tilt(beta, gamma)
+    state = cur_step(state, tilt, ra, rb)
+    state = cur_step(state, tilt, ra, rb)
+    state = cur_step(state, tilt, ra, rb)
+    state = cur_step(state, tilt, ra, rb)
+    state = cur_step(state, tilt, ra, rb)
+    state = cur_step(state, tilt, ra, rb)
+    state = cur_step(state, tilt, ra, rb)
+    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
+    r1x, r2x, r2y, r3x, r3y, zx, zy = tilt
+    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
+    k1 = cur_gap(px, py, a1x, a1y, r1x, 0.0, zx, zy, c1, s1, rb)
+    k2 = cur_gap(px, py, a2x, a2y, r2x, r2y, zx, zy, c2, s2, rb)
+    k3 = cur_gap(px, py, a3x, a3y, r3x, r3y, zx, zy, c3, s3, rb)
+    worst = cur_more(abs(k1[3]), abs(k1[4]))
+    worst = cur_more(worst, cur_more(abs(k2[3]), abs(k2[4])))
+    worst = cur_more(worst, cur_more(abs(k3[3]), abs(k3[4])))
+    # A platform that can not be level has no home to start from.
+    worst = worst if square > 0.0 else cur_more(worst, 1.0)
+    return px, py, c, s, c1, s1, c2, s2, c3, s3, worst
 
 
 def cur_less(a, b):  # type: ignore[no-untyped-def]
@@ -179,120 +207,167 @@ def cur_less(a, b):  # type: ignore[no-untyped-def]
     return a if a < b else b
 
 
-def cur_limits(limb, r, c, s, length, limits):  # type: ignore[no-untyped-def]
-    """Return the least slack of a limb's reach and of its passive joints' limits."""
+def cur_more(a, b):  # type: ignore[no-untyped-def]
+    """Return the greater of two."""
+    return a if a > b else b
+
+
+def cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3):  # type: ignore[no-untyped-def]
+    """Return the z of r_i', of e_i and of w_i over L, limb by limb."""
+    sin_b, cos_b = sin_cos(beta)
+    sin_g, cos_g = sin_cos(gamma)
+    tz = cos_b * sin_g
+    zz = cos_b * cos_g
+    r2z = CUR_S2 * tz - CUR_C2 * sin_b
+    r3z = -CUR_S2 * tz - CUR_C2 * sin_b
+    return (
+        -sin_b, tz, s1 * zz - c1 * sin_b,
+        r2z, CUR_C2 * tz + CUR_S2 * sin_b, s2 * zz + c2 * r2z,
+        r3z, CUR_C2 * tz - CUR_S2 * sin_b, s3 * zz + c3 * r3z,
+    )  # fmt: skip
+
+
+def cur_limits(up, c, s, ez, wz, limits):  # type: ignore[no-untyped-def]
+    """Return the least slack over L of a limb's reach and of its passive joints' limits.
+
+    theta4 turns the U joint's first axis, along n, to e: n . e = w_z and n . w = -e_z L^2 give
+    tan theta4 = e_z L / w_z, and |n|^2 = w_z^2 + e_z^2 L^2.
+    """
     cos4, sin4, least4, cos5, sin5, least5, low, high = limits
-    _, _, _, ex, ey, ez, gx, gy, square, zeta = limb
-    # z4 = e x w / L; s = z x z4 / |..|, turned so that s.e > 0.
-    zx = (ey * zeta - ez * gy) / length
-    zy = (ez * gx - ex * zeta) / length
-    zz = (ex * gy - ey * gx) / length
-    unit = 1.0 / math.sqrt(zx * zx + zy * zy + TINY)
-    sx = -zy * unit
-    sy = zx * unit
-    along = sx * ex + sy * ey
-    turn = 1.0 if along > 0.0 else -1.0
-    across = turn * (zx * sy * ez - zy * sx * ez + zz * (sx * ey - sy * ex))
-    along = turn * along
-    r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
-    up = (gx * r13 + gy * r23 + zeta * r33) / length
-    out = (
-        gx * (r11 * c + r12 * s) + gy * (r21 * c + r22 * s) + zeta * (r31 * c + r32 * s)
-    ) / length
-    slack = cur_less(square / length, zeta - low)
-    slack = cur_less(slack, high - zeta)
-    slack = cur_less(slack, (along * cos4 + across * sin4 - least4) * length)
-    return cur_less(slack, (out * cos5 + up * sin5 - least5) * length)
+    height = up * wz
+    unit = 1.0 / math.sqrt(wz * wz + ez * ez + TINY)
+    slack = cur_less(height, cur_less(wz - low, high - wz))
+    slack = cur_less(slack, (height * cos4 + up * ez * sin4) * unit - least4)
+    return cur_less(slack, c * cos5 + s * sin5 - least5)
+
+
+def cur_rates(about_x, about_y, d, rb, rx, ry, rz, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Return w_z h' of a limb by turns about x and y, times det F, and the rates that follow."""
+    turn = rb * (wy * rx - wx * ry)
+    return (
+        d * rb * (wz * ry - wy * rz) + wx * about_x[0] + wy * about_x[1] + turn * about_x[2],
+        d * rb * (wx * rz - wz * rx) + wx * about_y[0] + wy * about_y[1] + turn * about_y[2],
+    )
 
 
 def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     """Return the margin and J^-1 times the determinants that can vanish.
 
-    With F = zeta de.w/d(x, y, alpha) and H = zeta dh/d(..), limb by limb,
-    zeta_i dh_i = H_i,X - H_i,u F^-1 F_X. Everything is multiplied by det F and the three zeta.
+    With rows F_i = (u, v, moment about P) of what holds x, y and alpha, and l_i the height of U_i
+    over P, a turn about x or y of the yawing frame calls for F (x', y', alpha') = (l v, -l u);
+    then w_z h' = w . (v + omega x b). About x counts with cos beta: the rest of the axis of gamma
+    is along z and alpha makes up for it. Everything is multiplied by det F and the three w_z.
     """
     (
-        ra, rb, length, d1, s1, s2, s3, scale, low1, high1, low2, high2, low3, high3,
+        ra, rb, length, d1, up1, up2, up3, scale, low1, high1, low2, high2, low3, high3,
         cos4, sin4, least4, cos5, sin5, least5, low, high,
         _, _, _, _, _, _, _, _, _,
     ) = constants  # fmt: skip
-    x, y, alpha, residual = cur_solve(beta, gamma, ra, rb, length, s1, s2, s3)
-    r = roll_pitch_yaw(alpha, beta, gamma)
+    ra = ra / length
+    rb = rb / length
+    px, py, c, s, c1, s1, c2, s2, c3, s3, gap = cur_solve(beta, gamma, ra, rb, up1, up2, up3)
+    r1z, e1z, w1z, r2z, e2z, w2z, r3z, e3z, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
     limits = (cos4, sin4, least4, cos5, sin5, least5, low, high)
-    k1 = cur_limb(r, x, y, 1.0, 0.0, s1, ra, rb, length)
-    k2 = cur_limb(r, x, y, CUR_C2, CUR_S2, s2, ra, rb, length)
-    k3 = cur_limb(r, x, y, CUR_C2, -CUR_S2, s3, ra, rb, length)
-    margin = length if residual <= CUR_TOLERANCE else -residual * length
-    margin = cur_less(margin, cur_limits(k1, r, 1.0, 0.0, length, limits))
-    margin = cur_less(margin, cur_limits(k2, r, CUR_C2, CUR_S2, length, limits))
-    margin = cur_less(margin, cur_limits(k3, r, CUR_C2, -CUR_S2, length, limits))
-    h = z + k1[2] - k1[9] - d1
-    margin = cur_less(margin, cur_less(h - low1, high1 - h))
-    h = z + k2[2] - k2[9] - d1
-    margin = cur_less(margin, cur_less(h - low2, high2 - h))
-    h = z + k3[2] - k3[9] - d1
-    margin = cur_less(margin, cur_less(h - low3, high3 - h))
+    margin = 1.0 if gap <= CUR_TOLERANCE else -gap
+    margin = cur_less(margin, cur_limits(up1, c1, s1, e1z, w1z, limits))
+    margin = cur_less(margin, cur_limits(up2, c2, s2, e2z, w2z, limits))
+    margin = cur_less(margin, cur_limits(up3, c3, s3, e3z, w3z, limits))
+    l1 = rb * r1z - w1z
+    l2 = rb * r2z - w2z
+    l3 = rb * r3z - w3z
+    h1 = z + length * l1 - d1
+    h2 = z + length * l2 - d1
+    h3 = z + length * l3 - d1
+    margin = cur_less(length * margin, cur_less(h1 - low1, high1 - h1))
+    margin = cur_less(margin, cur_less(h2 - low2, high2 - h2))
+    margin = cur_less(margin, cur_less(h3 - low3, high3 - h3))
 
-    sin_a, cos_a = sin_cos(alpha)
-    _, f1x, f1y, f1a, h1x, h1y, h1a = cur_slope(k1)
-    _, f2x, f2y, f2a, h2x, h2y, h2a = cur_slope(k2)
-    _, f3x, f3y, f3a, h3x, h3y, h3a = cur_slope(k3)
+    r1x, r2x, r2y, r3x, r3y, zx, zy = cur_tilt(beta, gamma)
+    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
+    # About P: the moments of A_i - P, which are b_i - w_i horizontally.
+    u1, v1, m1, _, _ = cur_gap(0.0, 0.0, a1x - px, a1y - py, r1x, 0.0, zx, zy, c1, s1, rb)
+    u2, v2, m2, _, _ = cur_gap(0.0, 0.0, a2x - px, a2y - py, r2x, r2y, zx, zy, c2, s2, rb)
+    u3, v3, m3, _, _ = cur_gap(0.0, 0.0, a3x - px, a3y - py, r3x, r3y, zx, zy, c3, s3, rb)
     a11, a12, a13, a21, a22, a23, a31, a32, a33, d = cur_adjugate(
-        f1x, f1y, f1a, f2x, f2y, f2a, f3x, f3y, f3a
+        u1, v1, m1, u2, v2, m2, u3, v3, m3
     )
-    f1b, h1b = cur_turned(k1, -sin_a, cos_a, 0.0)
-    f2b, h2b = cur_turned(k2, -sin_a, cos_a, 0.0)
-    f3b, h3b = cur_turned(k3, -sin_a, cos_a, 0.0)
-    f1c, h1c = cur_turned(k1, r[0], r[3], r[6])
-    f2c, h2c = cur_turned(k2, r[0], r[3], r[6])
-    f3c, h3c = cur_turned(k3, r[0], r[3], r[6])
-    xb = a11 * f1b + a12 * f2b + a13 * f3b
-    yb = a21 * f1b + a22 * f2b + a23 * f3b
-    ab = a31 * f1b + a32 * f2b + a33 * f3b
-    xc = a11 * f1c + a12 * f2c + a13 * f3c
-    yc = a21 * f1c + a22 * f2c + a23 * f3c
-    ac = a31 * f1c + a32 * f2c + a33 * f3c
-    z23 = k2[9] * k3[9]
-    z13 = k1[9] * k3[9]
-    z12 = k1[9] * k2[9]
-    all_z = d * z12 * k3[9]
+    about_x = (
+        a11 * l1 * v1 + a12 * l2 * v2 + a13 * l3 * v3,
+        a21 * l1 * v1 + a22 * l2 * v2 + a23 * l3 * v3,
+        a31 * l1 * v1 + a32 * l2 * v2 + a33 * l3 * v3,
+    )
+    about_y = (
+        -(a11 * l1 * u1 + a12 * l2 * u2 + a13 * l3 * u3),
+        -(a21 * l1 * u1 + a22 * l2 * u2 + a23 * l3 * u3),
+        -(a31 * l1 * u1 + a32 * l2 * u2 + a33 * l3 * u3),
+    )
+    x1, y1 = cur_rates(about_x, about_y, d, rb, r1x, 0.0, r1z, c1 * r1x + s1 * zx, s1 * zy, w1z)
+    x2, y2 = cur_rates(
+        about_x, about_y, d, rb, r2x, r2y, r2z, c2 * r2x + s2 * zx, c2 * r2y + s2 * zy, w2z
+    )
+    x3, y3 = cur_rates(
+        about_x, about_y, d, rb, r3x, r3y, r3z, c3 * r3x + s3 * zx, c3 * r3y + s3 * zy, w3z
+    )
+    scale = scale * length
+    scale_x = scale * r1x  # r_1' is cos beta along x
+    z23 = w2z * w3z
+    z13 = w1z * w3z
+    z12 = w1z * w2z
+    all_z = d * z12 * w3z
     return (
         margin,
-        all_z,
-        (d * h1b - h1x * xb - h1y * yb - h1a * ab) * z23 * scale,
-        (d * h1c - h1x * xc - h1y * yc - h1a * ac) * z23 * scale,
-        all_z,
-        (d * h2b - h2x * xb - h2y * yb - h2a * ab) * z13 * scale,
-        (d * h2c - h2x * xc - h2y * yc - h2a * ac) * z13 * scale,
-        all_z,
-        (d * h3b - h3x * xb - h3y * yb - h3a * ab) * z12 * scale,
-        (d * h3c - h3x * xc - h3y * yc - h3a * ac) * z12 * scale,
-    )
+        all_z, y1 * z23 * scale, x1 * z23 * scale_x,
+        all_z, y2 * z13 * scale, x2 * z13 * scale_x,
+        all_z, y3 * z12 * scale, x3 * z12 * scale_x,
+    )  # fmt: skip
 
 
 def cur_skeleton(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     """Return the platform, the three links and the platform's spokes, and the cones."""
     (
-        ra, rb, length, _, s1, s2, s3, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-        u1x, u1y, u1z, u2x, u2y, u2z, u3x, u3y, u3z,
+        ra, rb, length, _, up1, up2, up3, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+        f1x, f1y, f1z, f2x, f2y, f2z, f3x, f3y, f3z,
     ) = constants  # fmt: skip
-    x, y, alpha, _ = cur_solve(beta, gamma, ra, rb, length, s1, s2, s3)
-    r = roll_pitch_yaw(alpha, beta, gamma)
-    k1 = cur_limb(r, x, y, 1.0, 0.0, s1, ra, rb, length)
-    k2 = cur_limb(r, x, y, CUR_C2, CUR_S2, s2, ra, rb, length)
-    k3 = cur_limb(r, x, y, CUR_C2, -CUR_S2, s3, ra, rb, length)
+    px, py, c, s, c1, s1, c2, s2, c3, s3, _ = cur_solve(
+        beta, gamma, ra / length, rb / length, up1, up2, up3
+    )
+    r1z, _, w1z, r2z, _, w2z, r3z, _, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
+    r1x, r2x, r2y, r3x, r3y, zx, zy = cur_tilt(beta, gamma)
+    x = length * (c * px - s * py)
+    y = length * (s * px + c * py)
+    b1x, b1y, b1z = rb * c * r1x, rb * s * r1x, rb * r1z
+    b2x, b2y, b2z = rb * (c * r2x - s * r2y), rb * (s * r2x + c * r2y), rb * r2z
+    b3x, b3y, b3z = rb * (c * r3x - s * r3y), rb * (s * r3x + c * r3y), rb * r3z
+    g1x, g1y = c1 * r1x + s1 * zx, s1 * zy
+    g2x, g2y = c2 * r2x + s2 * zx, c2 * r2y + s2 * zy
+    g3x, g3y = c3 * r3x + s3 * zx, c3 * r3y + s3 * zy
+    sin_b, cos_b = sin_cos(beta)
+    sin_g, cos_g = sin_cos(gamma)
+    tx = sin_b * sin_g
     return (
-        x, y, z, *r,
-        ra, 0.0, z + k1[2] - k1[9], x + k1[0], y + k1[1], z + k1[2],
-        ra * CUR_C2, ra * CUR_S2, z + k2[2] - k2[9], x + k2[0], y + k2[1], z + k2[2],
-        ra * CUR_C2, -ra * CUR_S2, z + k3[2] - k3[9], x + k3[0], y + k3[1], z + k3[2],
-        x, y, z, x + k1[0], y + k1[1], z + k1[2],
-        x, y, z, x + k2[0], y + k2[1], z + k2[2],
-        x, y, z, x + k3[0], y + k3[1], z + k3[2],
-        (k1[6] * u1x + k1[7] * u1y + k1[9] * u1z) / length,
-        (k2[6] * u2x + k2[7] * u2y + k2[9] * u2z) / length,
-        (k3[6] * u3x + k3[7] * u3y + k3[9] * u3z) / length,
+        x, y, z,
+        c * cos_b, c * tx - s * cos_g, c * zx - s * zy,
+        s * cos_b, s * tx + c * cos_g, s * zx + c * zy,
+        -sin_b, cos_b * sin_g, cos_b * cos_g,
+        ra, 0.0, z + b1z - length * w1z, x + b1x, y + b1y, z + b1z,
+        ra * CUR_C2, ra * CUR_S2, z + b2z - length * w2z, x + b2x, y + b2y, z + b2z,
+        ra * CUR_C2, -ra * CUR_S2, z + b3z - length * w3z, x + b3x, y + b3y, z + b3z,
+        x, y, z, x + b1x, y + b1y, z + b1z,
+        x, y, z, x + b2x, y + b2y, z + b2z,
+        x, y, z, x + b3x, y + b3y, z + b3z,
+        (c * g1x - s * g1y) * f1x + (s * g1x + c * g1y) * f1y + w1z * f1z,
+        (c * g2x - s * g2y) * f2x + (s * g2x + c * g2y) * f2y + w2z * f2z,
+        (c * g3x - s * g3y) * f3x + (s * g3x + c * g3y) * f3y + w3z * f3z,
     )  # fmt: skip
+
+
+class _Link(NamedTuple):
+    """A limb at a pose: Rot b, e and w, and the height of w, negative on the other branch."""
+
+    b: Vector
+    e: Vector
+    w: Vector
+    height: float
 
 
 class Cur(Mechanism):
@@ -337,6 +412,12 @@ class Cur(Mechanism):
     )
     layouts = {  # noqa: RUF012  # declared as a mapping that is not changed
         "literal": "the paper's D-H table read literally, theta4 = 0: a 3-CRR"
+    }
+    conditions: ClassVar[Mapping[str, str]] = {
+        "inverse": "w_iz = 0: link i lies flat",
+        "forward": "the constraint forces and the links' forces, w_i, are dependent: together they "
+        "do not hold the platform",
+        "constraint": "the three horizontal forces through the U joints are dependent",
     }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(cur_kernel)
@@ -393,17 +474,20 @@ class Cur(Mechanism):
 
         Of the first working mode.
         """
-        length = _sizes(parameters)[2]
+        ra, rb, length, _ = _sizes(parameters)
+        short = length - abs(ra - rb)
+        if short <= 0:  # no platform is level, none at all to start from
+            return tuple(Reach(limb.name, short, "too far") for limb in self.limbs)
         signs = next(iter(MODE_SIGNS.values()))
-        found, _, residual = self._limbs(parameters, pose, signs)
+        links, _, gap = self._links(parameters, pose, signs)
         result = []
-        for limb, one in zip(self.limbs, found, strict=True):
-            flat = length - math.hypot(one[6], one[7])
-            h = pose["z"] + one[2] - one[9] - _sizes(parameters)[3]
+        for limb, link in zip(self.limbs, links, strict=True):
+            flat = math.copysign(length - math.hypot(link.w[0], link.w[1]), link.height)
+            h = pose["z"] + float(link.b[2] - link.w[2]) - _sizes(parameters)[3]
             low, high = self.default_limits(parameters)["h1"]
             room = min(h - low, high - h)
-            if residual > CUR_TOLERANCE:
-                flat = min(flat, -residual * length)
+            if gap > CUR_TOLERANCE:
+                flat = min(flat, -gap * length)
             reason = "too far" if flat < room or h > high else "too close"
             result.append(Reach(limb.name, min(flat, room), reason))
         return tuple(result)
@@ -411,50 +495,62 @@ class Cur(Mechanism):
     def inverse(
         self, parameters: Parameters, pose: Mapping[str, float]
     ) -> tuple[InverseSolution, ...]:
-        """Solve for x, y, alpha in each working mode; the heights follow."""
+        """Solve for x, y, alpha in each working mode; the heights follow.
+
+        Of each mode the branch that home belongs to: where Ra + Rb < L there is one more, of the
+        platform turned half about z.
+        """
         d1 = _sizes(parameters)[3]
         solutions = []
         for mode, signs in MODE_SIGNS.items():
-            limbs, (x, y, alpha), residual = self._limbs(parameters, pose, signs)
-            if not residual <= CUR_TOLERANCE or min(one[8] for one in limbs) < 0:
+            links, (x, y, alpha), gap = self._links(parameters, pose, signs)
+            if not gap <= CUR_TOLERANCE or min(link.height for link in links) < 0:
                 continue
-            joints = {f"h{k}": pose["z"] + one[2] - one[9] - d1 for k, one in enumerate(limbs, 1)}
+            joints = {
+                f"h{k}": pose["z"] + float(link.b[2] - link.w[2]) - d1
+                for k, link in enumerate(links, 1)
+            }
             solutions.append(
                 InverseSolution(
                     mode, joints, {"x": x, "y": y, "alpha": alpha},
-                    self._passive(parameters, pose, alpha, limbs),
+                    self._passive(parameters, pose, alpha, links),
                 )
             )  # fmt: skip
         return tuple(solutions)
 
-    def _limbs(
+    def _links(
         self, parameters: Parameters, pose: Mapping[str, float], signs: tuple[float, ...]
-    ) -> tuple[list[tuple[float, ...]], tuple[float, float, float], float]:
-        """Return what :func:`cur_limb` tells of each limb, x, y, alpha and the residual."""
+    ) -> tuple[list[_Link], tuple[float, float, float], float]:
+        """Return the limbs, x, y, alpha and the largest gap over L, of one working mode."""
         ra, rb, length, _ = _sizes(parameters)
-        x, y, alpha, residual = cur_solve(pose["beta"], pose["gamma"], ra, rb, length, *signs)
-        rotation = roll_pitch_yaw(alpha, pose["beta"], pose["gamma"])
-        limbs = [
-            cur_limb(rotation, x, y, c, s, sign, ra, rb, length)
-            for (c, s), sign in zip(_AZIMUTHS, signs, strict=True)
-        ]
-        return limbs, (x, y, alpha), residual
+        beta, gamma = pose["beta"], pose["gamma"]
+        with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
+            px, py, c, s, *turns, gap = cur_solve(beta, gamma, ra / length, rb / length, *signs)
+        alpha = math.atan2(s, c)
+        rotation = rotation_matrices(np.array([[alpha, beta, gamma]]))[0][0]
+        links = []
+        for k, (sign, (cos_k, sin_k)) in enumerate(zip(signs, _AZIMUTHS, strict=True)):
+            out = rotation @ [cos_k, sin_k, 0.0]
+            w = length * (turns[2 * k] * out + turns[2 * k + 1] * rotation[:, 2])
+            links.append(_Link(rb * out, rotation @ [-sin_k, cos_k, 0.0], w, sign * float(w[2])))
+        return links, (length * (c * px - s * py), length * (s * px + c * py), alpha), gap
 
     def _passive(
         self,
         parameters: Parameters,
         pose: Mapping[str, float],
         alpha: float,
-        limbs: list[tuple[float, ...]],
+        links: list[_Link],
     ) -> dict[str, float]:
         """Return theta2 .. theta5 and the elevation of each limb."""
         length = _sizes(parameters)[2]
         angles = np.array([[alpha, pose["beta"], pose["gamma"]]])
         rotation = rotation_matrices(angles)[0][0]
         values: dict[str, float] = {}
-        for k, (one, (c, s)) in enumerate(zip(limbs, _AZIMUTHS, strict=True), 1):
+        for k, (given, (c, s)) in enumerate(zip(links, _AZIMUTHS, strict=True), 1):
             radial, tangential = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
-            axis, first, second, w = self._axes(one, length)
+            axis, w = given.e, given.w
+            first, second = self._axes(given, length)
             x2, link = np.cross(first, _Z), np.cross(second, first)
             found = {
                 "theta2": math.atan2(-first @ radial, first @ tangential),
@@ -467,14 +563,12 @@ class Cur(Mechanism):
         return values
 
     @staticmethod
-    def _axes(one: tuple[float, ...], length: float) -> tuple[Vector, Vector, Vector, Vector]:
-        """Return e, the axes s and z4 of the U joint, and w of a limb."""
-        axis = np.array(one[3:6])
-        w = np.array([one[6], one[7], one[9]])
-        second = np.cross(axis, w) / length
+    def _axes(link: _Link, length: float) -> tuple[Vector, Vector]:
+        """Return the axes s and z4 of the U joint of a limb."""
+        second = np.cross(link.e, link.w) / length
         first = np.cross(_Z, second)
         first /= max(float(np.linalg.norm(first)), TINY)
-        return axis, first if first @ axis > 0 else -first, second, w
+        return first if first @ link.e > 0 else -first, second
 
     def forward(
         self, parameters: Parameters, joints: Mapping[str, float]
@@ -563,11 +657,9 @@ class Cur(Mechanism):
         [w; b x w] give w_z h'. With them the heights w_z and the axes of the angles' rates.
         """
         mode = self._mode_of(parameters, pose, joints)
-        limbs, (_, _, alpha), _ = self._limbs(parameters, pose, MODE_SIGNS[mode])
+        links, (_, _, alpha), _ = self._links(parameters, pose, MODE_SIGNS[mode])
         constraint, drive, heights = np.empty((3, 6)), np.empty((3, 6)), np.empty(3)
-        for k, one in enumerate(limbs):
-            b, e = np.array(one[:3]), np.array(one[3:6])
-            w = np.array([one[6], one[7], one[9]])
+        for k, (b, e, w, _) in enumerate(links):
             force = w[2] * e - e[2] * w
             constraint[k] = [*force, *(w[2] * np.cross(b - w, e) - e[2] * np.cross(b, w))]
             drive[k] = [*w, *np.cross(b, w)]
@@ -615,7 +707,7 @@ class Cur(Mechanism):
     ) -> tuple[Matrix, Vector]:
         """Return Rot and P."""
         signs = MODE_SIGNS[self.check_mode(working_mode)]
-        _, (x, y, alpha), _ = self._limbs(parameters, pose, signs)
+        _, (x, y, alpha), _ = self._links(parameters, pose, signs)
         angles = np.array([[alpha, pose["beta"], pose["gamma"]]])
         return rotation_matrices(angles)[0][0], np.array([x, y, pose["z"]])
 
@@ -625,16 +717,16 @@ class Cur(Mechanism):
         """Return the limbs: C vertical, U with axes s and z4, R along e."""
         ra, _, length, _ = _sizes(parameters)
         signs = MODE_SIGNS[self.check_mode(working_mode)]
-        limbs, (x, y, _), _ = self._limbs(parameters, pose, signs)
+        links, (x, y, _), _ = self._links(parameters, pose, signs)
         chains = []
-        for k, (one, (c, s)) in enumerate(zip(limbs, _AZIMUTHS, strict=True)):
-            axis, first, second, w = self._axes(one, length)
-            end = np.array([x + one[0], y + one[1], pose["z"] + one[2]])
+        for k, (link, (c, s)) in enumerate(zip(links, _AZIMUTHS, strict=True)):
+            first, second = self._axes(link, length)
+            end = np.array([x, y, pose["z"]]) + link.b
             chains.append(
                 Chain(self.limbs[k].name, (
                     Joint("C", np.array([ra * c, ra * s, 0.0]), (_Z,), drive=(f"h{k + 1}", 1)),
-                    Joint("U", end - w, (first, second)),
-                    Joint("R", end, (axis,)),
+                    Joint("U", end - link.w, (first, second)),
+                    Joint("R", end, (link.e,)),
                 ))
             )  # fmt: skip
         return tuple(chains)
@@ -654,7 +746,7 @@ class Cur(Mechanism):
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
     ) -> list[float]:
         """Return the constants in the order :func:`cur_kernel` unpacks them."""
-        ra, rb, link, d1 = _sizes(parameters)
+        ra, rb, size, d1 = _sizes(parameters)
         signs = MODE_SIGNS[working_mode]
         arcs: list[float] = []
         for name in ("theta4", "theta5"):
@@ -667,14 +759,14 @@ class Cur(Mechanism):
                 -2.0 if half >= math.pi else math.cos(half),
             ]
         low, high = limits.get("elevation", (-math.pi, math.pi))
-        lowest = -math.inf if low <= -math.pi / 2 else link * math.sin(low)
-        highest = math.inf if high >= math.pi / 2 else link * math.sin(high)
-        home, _, _ = self._limbs(parameters, self.home(parameters), signs)
+        lowest = -math.inf if low <= -math.pi / 2 else math.sin(low)
+        highest = math.inf if high >= math.pi / 2 else math.sin(high)
+        home, _, _ = self._links(parameters, self.home(parameters), signs)
         ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
         return [
-            ra, rb, link, d1, *signs, 1 / length, *(end for pair in ends for end in pair),
+            ra, rb, size, d1, *signs, 1 / length, *(end for pair in ends for end in pair),
             *arcs, lowest, highest,
-            *(v / link for one in home for v in (one[6], one[7], one[9])),
+            *(float(v) / size for link in home for v in link.w),
         ]  # fmt: skip
 
     def decoupled_volume(
@@ -718,8 +810,8 @@ class Cur(Mechanism):
             for j, gamma in enumerate(tilts.tolist()):
                 if cur_kernel(0.0, beta, gamma, constants)[0] < 0:
                     continue
-                found, _, _ = self._limbs(parameters, {"beta": beta, "gamma": gamma}, signs)
-                shifts = [one[2] - one[9] for one in found]
+                links, _, _ = self._links(parameters, {"beta": beta, "gamma": gamma}, signs)
+                shifts = [float(link.b[2] - link.w[2]) for link in links]
                 ends = [limits[c.name] for c in self.joints]
                 top = min(high - s for (_, high), s in zip(ends, shifts, strict=True))
                 bottom = max(low - s for (low, _), s in zip(ends, shifts, strict=True))

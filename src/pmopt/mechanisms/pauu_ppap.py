@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -184,6 +185,10 @@ class PauuPpap(Mechanism):
         Limb("limb 2", "P_aUU", "crank parallelogram (actuated, axes along y), U at C2, U at D2"),
         Limb("limb 3", "PP_aP", "slider along y (actuated), parallelogram in xz, slider along x"),
     )
+    conditions: ClassVar[Mapping[str, str]] = {
+        "inverse": "u_i . e_i = 0: crank and link in line as seen along y",
+        "forward": "u1x u2z = u1z u2x: both links parallel as seen along y",
+    }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
     constant_count = 21

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,6 +214,10 @@ class UpsRps(Mechanism):
         *(Limb(f"limb {k}", "UPS", f"U at T{k}, prismatic joint (actuated), S at S{k}")
           for k in range(2, 6)),
     )  # fmt: skip
+    conditions: ClassVar[Mapping[str, str]] = {
+        "inverse": "l_k = 0: beyond every stroke",
+        "forward": "the lines of the five limbs and limb 1's constraint force are dependent",
+    }
     working_modes = ("direct",)
     kernel = staticmethod(rps_kernel)
     constant_count = 51

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +205,11 @@ class UpsSp(Mechanism):
         Limb("limb 3", "UPS", "U at A3, prismatic joint (actuated), S at B3"),
         Limb("limb 4", "SP", "S at A4, prismatic joint (actuated) across the platform"),
     )
+    conditions: ClassVar[Mapping[str, str]] = {
+        "inverse": "l_i = 0: beyond every stroke",
+        "forward": "the moments of limbs 1, 2 and 3 about A4 are dependent: they do not hold all "
+        "rotations",
+    }
     working_modes = ("direct",)
     kernel = staticmethod(sp_kernel)
     constant_count = 39

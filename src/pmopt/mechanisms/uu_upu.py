@@ -21,15 +21,22 @@ mu (sin w, cos w) = (sin beta, cos beta cos gamma)::
     sin phi = mu sin v,  cos phi = sqrt(cos^2 v + m^2 sin^2 v)
     cos kappa = mu cos v / cos phi,  sin kappa = m / cos phi
 
-on which P_x = x is solved, with u = tan(v / 2) as the unknown.
+on which P_x = x is solved, with u = tan(v / 2) as the unknown. Every configuration is on it once:
+phi beyond 90 degrees is the same with phi - 180 degrees, -kappa, psi - 180 degrees and -s.
+
+Working modes are told by s: M above the base or below it as the platform stands level. Their root
+is the one on the piece of the curve about v = 0 on which P_x is monotonic, which the kernel finds.
+:meth:`UuUpu.inverse` also tells the others, "up-2", "up-3", .., "down-2", ..: configurations beyond
+P_x's extremes, with the limb plane folded down or kappa large. They are answers of the inverse
+kinematics and no modes of a workspace.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,18 +62,31 @@ from pmopt.mechanisms.base import (
 from pmopt.numerics.trigonometry import sin_cos
 
 TINY = 1e-300
+#: Least rho^2: bs = ps lets it be 0, its square may not.
+uup_POINT = 1e-140
 #: Least f^2: what keeps quotients by f finite where f is 0.
 uup_LEAST = 1e-20
-#: Cells the curve is searched in; points of it that are tried, refinements in a cell included.
-uup_CELLS = 5
-uup_STEPS = 15
+#: Cells the curve is searched in up to v = 90 degrees and beyond, and where the first of the latter
+#: ends in tan(v / 2).
+uup_NEAR = 5
+uup_CELLS = 7
+uup_BEYOND = 2.0
 #: Largest miss of x, relative to L, that counts as a root.
 uup_CLOSE = 1e-9
 #: Stands for tan(v / 2) at v = pi.
 uup_FAR = 64.0
+#: |m| that is 0 to rounding, and the least cos v there.
+uup_LEVEL = 1e-15
+uup_SHORT = 1e-8
 
 #: Cells of :func:`_root`'s scan.
 FINE = 120
+#: Nodes of :func:`_roots`' scan of half the curve, in each of two measures of length.
+NODES = 64
+#: Stands for |m| = 0.
+FLAT = 1e-30
+#: How far :func:`_root`'s root may be from that of the scan, near an extreme of P_x.
+NEAR = 1e-4
 
 #: Whether the platform's P2P3 is above (1) or below (-1) the base, told by M's height over it.
 MODE_SIGNS = {"up": 1.0, "down": -1.0}
@@ -86,11 +106,13 @@ def uup_turn(u, m, mu, sw, cw):  # type: ignore[no-untyped-def]
 
 def uup_bar(sk, ck, a, c, l2, s):  # type: ignore[no-untyped-def]
     """Return L^2 / rho^2 - 1, f, f df/dkappa, M's height and its derivative times |f|."""
-    rho2 = a * a + c * c - 2.0 * a * c * ck + TINY
+    # 1 - cos kappa to all its digits: rho is little else where bs is nearly ps.
+    less = sk * sk / (1.0 + abs(ck)) + (abs(ck) - ck)
+    rho2 = (a - c) * (a - c) + 2.0 * a * c * less + uup_POINT
     excess = l2 / rho2 - 1.0
     f = s * math.sqrt(excess if excess > uup_LEAST else uup_LEAST)
     g = -l2 * a * c * sk / (rho2 * rho2)
-    arm = a - c * ck
+    arm = a - c + c * less
     return excess, f, g, f * arm, s * (g * arm + f * f * c * sk)
 
 
@@ -106,49 +128,84 @@ def uup_across(u, m, mu, sw, cw, a, c, l2, half_r, s):  # type: ignore[no-untype
     return x, slope * 2.0 / (1.0 + u * u), slope, even
 
 
+def uup_step(state, j, x, curve, bar, up, far):  # type: ignore[no-untyped-def]
+    """Return the state of :func:`uup_solve`'s search after its point j."""
+    side, t, t1, low, high, e1, g_low, g_high, first, _, before, searching = state
+    m, mu, sw, cw = curve
+    a, c, l2, half_r, s = bar
+    value, slope, last, even = uup_across(side * t, m, mu, sw, cw, a, c, l2, half_r, s)
+    first = last if j == 0 else first
+    side = side if j > 0 or up * (value - x) < 0.0 else -1.0
+    t0 = t1
+    e0 = e1
+    t1 = t
+    e1 = side * up * (value - x)
+    g1 = up * slope
+    again = before
+    before = e1 < 0.0 and g1 > 0.0
+    low = t if before else low
+    high = high if before else t
+    # An end that stays has its slope halved (Illinois): the secant can not get stuck.
+    even *= up
+    g_low = even if before else (g_low if again else 0.5 * g_low)
+    g_high = (0.5 * g_high if again else g_high) if before else even
+    searching = searching and before and j < uup_CELLS
+    near = far if far < 1.0 else 1.0
+    beyond = far if far < uup_BEYOND or j > uup_NEAR else uup_BEYOND
+    node = near * (j + 1) / uup_NEAR if j < uup_NEAR else beyond
+    width = t0 - t1
+    bend = (e0 - e1 - g1 * width) / (width * width + TINY)
+    square = g1 * g1 - 4.0 * bend * e1
+    rise = g1 + math.sqrt(square if square > 0.0 else 0.0)
+    root = t1 - 2.0 * e1 / (rise if abs(rise) > TINY else TINY)
+    turn = (low * g_high - high * g_low) / (g_high - g_low - TINY)
+    t = root if square > 0.0 else turn
+    t = t if low <= t <= high else 0.5 * (low + high)
+    t = node if searching else t
+    return side, t, t1, low, high, e1, g_low, g_high, first, last, before, searching
+
+
 def uup_solve(x, m, mu, sw, cw, a, c, l2, half_r, s, up, far):  # type: ignore[no-untyped-def]
     """Return where P_x = x on the piece of the curve about v = 0 on which P_x is monotonic.
 
     With it P_x - x there, not 0 where there is no root, and the least slope by v there and at
     v = 0. Without a root it is where P_x comes nearest to x on that piece. Cells outwards from
-    v = 0 are searched for the first that crosses x or turns back. In it the parabola through the
-    last two points with the slope at the last leads to the root, also near a turning point; where
-    it has no root, the secant of the slopes leads to the turning point.
+    v = 0 are searched for the first that crosses x or turns back; one ends at v = 90 degrees, about
+    which P_x turns twice where m is small. In it the parabola through the last two points with the
+    slope at the last leads to the root, also near a turning point; where it has no root, the secant
+    of the slopes leads to the turning point.
     """
-    side = 1.0
-    t = t1 = low = 0.0
-    e1 = g1 = g_low = g_high = first = last = 0.0
-    high = far
-    before = searching = True
-    for j in range(uup_STEPS):
-        value, slope, last, even = uup_across(side * t, m, mu, sw, cw, a, c, l2, half_r, s)
-        first = last if j == 0 else first
-        side = side if j > 0 or up * (value - x) < 0.0 else -1.0
-        t0 = t1
-        e0 = e1
-        t1 = t
-        e1 = side * up * (value - x)
-        g1 = up * slope
-        again = before
-        before = e1 < 0.0 and g1 > 0.0
-        low = t if before else low
-        high = high if before else t
-        # An end that stays has its slope halved (Illinois): the secant can not get stuck.
-        even *= up
-        g_low = even if before else (g_low if again else 0.5 * g_low)
-        g_high = (0.5 * g_high if again else g_high) if before else even
-        searching = searching and before and j < uup_CELLS
-        part = (j + 1) / uup_CELLS
-        width = t0 - t1
-        bend = (e0 - e1 - g1 * width) / (width * width + TINY)
-        square = g1 * g1 - 4.0 * bend * e1
-        rise = g1 + math.sqrt(square if square > 0.0 else 0.0)
-        root = t1 - 2.0 * e1 / (rise if abs(rise) > TINY else TINY)
-        turn = (low * g_high - high * g_low) / (g_high - g_low - TINY)
-        t = root if square > 0.0 else turn
-        t = t if low <= t <= high else 0.5 * (low + high)
-        t = part / (1.0 - part + part / far) if searching else t
+    curve = (m, mu, sw, cw)
+    bar = (a, c, l2, half_r, s)
+    state = (1.0, 0.0, 0.0, 0.0, far, 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
+    # Written out: a loop in the sweep's loop over poses would keep that from being vectorised.
+    state = uup_step(state, 0, x, curve, bar, up, far)
+    state = uup_step(state, 1, x, curve, bar, up, far)
+    state = uup_step(state, 2, x, curve, bar, up, far)
+    state = uup_step(state, 3, x, curve, bar, up, far)
+    state = uup_step(state, 4, x, curve, bar, up, far)
+    state = uup_step(state, 5, x, curve, bar, up, far)
+    state = uup_step(state, 6, x, curve, bar, up, far)
+    state = uup_step(state, 7, x, curve, bar, up, far)
+    state = uup_step(state, 8, x, curve, bar, up, far)
+    state = uup_step(state, 9, x, curve, bar, up, far)
+    state = uup_step(state, 10, x, curve, bar, up, far)
+    state = uup_step(state, 11, x, curve, bar, up, far)
+    state = uup_step(state, 12, x, curve, bar, up, far)
+    state = uup_step(state, 13, x, curve, bar, up, far)
+    state = uup_step(state, 14, x, curve, bar, up, far)
+    side, _, t1, _, _, e1, _, _, first, last, _, _ = state
     return side * t1, e1, up * (last if last * up < first * up else first)
+
+
+def uup_far(m, mu, far_cos):  # type: ignore[no-untyped-def]
+    """Return u where the links are stretched: kappa is largest, its cotangent far_cos."""
+    end = abs(m) * far_cos / mu
+    end = 1.0 if end > 1.0 else (-1.0 if end < -1.0 else end)
+    # At m = 0 v = 90 degrees does not tell kappa; what this cuts off P_x is less than rounding.
+    end = uup_SHORT if abs(m) < uup_LEVEL and end < uup_SHORT else end
+    far = math.sqrt((1.0 - end) / (1.0 + end + TINY))
+    return far if far < uup_FAR else uup_FAR
 
 
 def uup_pose(x, beta, gamma, geometry):  # type: ignore[no-untyped-def]
@@ -161,11 +218,7 @@ def uup_pose(x, beta, gamma, geometry):  # type: ignore[no-untyped-def]
     mu = math.sqrt(sb * sb + level * level) + TINY
     sw = sb / mu
     cw = level / mu
-    # cos v where the links are stretched: |kappa| is largest, its cotangent far_cos.
-    end = abs(m) * far_cos / mu
-    end = 1.0 if end > 1.0 else (-1.0 if end < -1.0 else end)
-    far = math.sqrt((1.0 - end) / (1.0 + end + TINY))
-    far = far if far < uup_FAR else uup_FAR
+    far = uup_far(m, mu, far_cos)
     u, miss, slope = uup_solve(x + 0.5 * r, m, mu, sw, cw, a, c, l2, 0.5 * big_r, s, up, far)
     sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, m, mu, sw, cw)
     return (miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi)
@@ -550,6 +603,13 @@ class UuUpu(Mechanism):
         "paper": "2UU-UPU as the paper names it: first and last axes radial, the others across "
         "the links, platform centred; free at that pose only"
     }
+    conditions: ClassVar[Mapping[str, str]] = {
+        "inverse": "dP_x/dv = 0: of all configurations with these beta and gamma P_x is extreme",
+        "inverse, limb 1": "eta1 = +-90 deg: P1 is on theta1's axis",
+        "forward": "link 2 is in line with P2P3, or theta1 does not hold psi",
+        "forward, link 2": "kappa + delta2 = +-90 deg: link 2 is in line with P2P3",
+        "forward, limb 1": "dtheta1/dpsi = 0: P1 moves in the plane of theta1's axis and limb 1",
+    }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
     constant_count = 42
@@ -620,22 +680,20 @@ class UuUpu(Mechanism):
     def inverse(
         self, parameters: Parameters, pose: Mapping[str, float]
     ) -> tuple[InverseSolution, ...]:
-        """Return the root of P_x = x in each working mode that has one.
+        """Return every root of P_x = x: those of the working modes first, as far as there are any.
 
-        It is the root on the piece of the curve about v = 0 on which P_x is monotonic. The
-        others, left out, lie beyond P_x's extremes, where the limb plane is folded down.
+        A working mode's root is on the piece of the curve about v = 0 on which P_x is monotonic.
+        The others of the same sign of f are "up-2", "up-3", .. and "down-2", .., from v = 0
+        outwards: beyond P_x's extremes, where the limb plane is folded down or kappa is large. No
+        workspace is told in them.
         """
         found = []
-        for mode in self.working_modes:
-            at = _root(parameters, pose, mode)
-            if at is None:
-                continue
+        for mode, at in _branches(parameters, pose).items():
             joints = {"theta1": at.theta1, "phi": float(at.q[0]), "delta3": at.delta3}
-            rotation = at.rotation
             parasitic = {
                 "y": float(at.centre[1]),
                 "z": float(at.centre[2]),
-                "alpha": _yaw(rotation, pose["beta"]),
+                "alpha": _yaw(at.rotation, pose["beta"], pose["gamma"]),
             }
             passive = {
                 "l1": float(at.lengths[0]),
@@ -660,16 +718,13 @@ class UuUpu(Mechanism):
         solutions = []
         for at in assemblies(parameters, joints):
             rotation, centre = at.rotation, at.centre
-            beta = math.asin(min(max(-rotation[2, 0], -1.0), 1.0))
-            pose = {
-                "x": float(centre[0]),
-                "beta": beta,
-                "gamma": math.atan2(rotation[2, 1], rotation[2, 2]),
-            }
+            beta = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
+            gamma = math.atan2(rotation[2, 1], rotation[2, 2])
+            pose = {"x": float(centre[0]), "beta": beta, "gamma": gamma}
             parasitic = {
                 "y": float(centre[1]),
                 "z": float(centre[2]),
-                "alpha": _yaw(rotation, beta),
+                "alpha": _yaw(rotation, beta, gamma),
             }
             w = at.ends[0] - at.base[0]
             t1, phi, d3 = joints["theta1"], joints["phi"], joints["delta3"]
@@ -845,24 +900,18 @@ class UuUpu(Mechanism):
 
 
 def assemblies(parameters: Parameters, joints: Mapping[str, float]) -> list[Configuration]:
-    """Return the assembled mechanism for joint positions: 0, 2 or 4, equal ones included."""
+    """Return the assembled mechanism for joint positions: up to four, equal ones included.
+
+    Two kappa, and two psi each that put P1 in theta1's plane; on its own side one, both or none.
+    """
     a, c, length, r, big_r = _lengths(parameters)
     phi, d3, t1 = joints["phi"], joints["delta3"], joints["theta1"]
     p3 = np.array([-a + length * math.sin(d3), length * math.cos(d3)])
-    between = np.array([a, 0.0]) - p3
-    span = float(np.hypot(*between))
-    if span <= TINY:
-        return []
-    along = (4 * c**2 - length**2 + span**2) / (2 * span)
-    square = 4 * c**2 - along**2
-    if square < -1e-12 * length**2:
-        return []
-    rise = math.sqrt(max(square, 0.0))
-    forth = between / span
-    left = np.array([-forth[1], forth[0]])
-    found = []
-    for side in (1.0, -1.0):
-        coupler = (along * forth + side * rise * left) / (2 * c)
+    couplers, rise = _couplers(parameters, p3)
+    found: list[Configuration] = []
+    if rise < 0.0:
+        return found
+    for coupler in couplers:
         ym, hm = p3 + c * coupler
         ck, sk = float(coupler[0]), float(coupler[1])
         kappa = math.atan2(sk, ck)
@@ -908,10 +957,12 @@ def _about_y(angle: float) -> Matrix:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _yaw(rotation: Matrix, beta: float) -> float:
-    """Return alpha of Rot = Rz(alpha) Ry(beta) Rx(gamma)."""
-    sign = 1.0 if math.cos(beta) >= 0.0 else -1.0
-    return math.atan2(sign * rotation[1, 0], sign * rotation[0, 0])
+def _yaw(rotation: Matrix, beta: float, gamma: float) -> float:
+    """Return alpha of Rot = Rz(alpha) Ry(beta) Rx(gamma), at beta = 90 degrees too."""
+    sb, cb, sg, cg = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)
+    first, second = np.array([[cb, sb * sg, sb * cg], [0.0, cg, -sg]])
+    x, y = rotation[0], rotation[1]
+    return math.atan2(y @ first - x @ second, x @ first + y @ second)
 
 
 def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
@@ -954,8 +1005,7 @@ def _root(parameters: Parameters, pose: Mapping[str, float], mode: str) -> Confi
     """
     a, c, l2, length, r, big_r, s, up, far_cos = _geometry(parameters, mode)
     curve = _curve(pose)
-    end = min(max(abs(curve[0]) * far_cos / curve[1], -1.0), 1.0)
-    far = min(math.sqrt((1 - end) / (1 + end + TINY)), uup_FAR)
+    far = uup_far(curve[0], curve[1], far_cos)
     x = pose["x"] + r / 2
 
     def across(u: float) -> tuple[float, float]:
@@ -983,33 +1033,187 @@ def _root(parameters: Parameters, pose: Mapping[str, float], mode: str) -> Confi
             low = middle
         else:
             high = middle
-    if side * across(side * high)[0] < -uup_CLOSE * length:
+    # Twice what the kernel allows: where it finds the end of reach there is a root here.
+    if side * across(side * high)[0] < -2.0 * uup_CLOSE * length:
         return None
     at = configuration(parameters, _q(side * high, curve), s)
     return at if at.bar[0] >= 0.0 else None
 
 
+def _branches(parameters: Parameters, pose: Mapping[str, float]) -> dict[str, Configuration]:
+    """Return every configuration with the pose by its name: the working modes, then the others."""
+    main = {mode: _root(parameters, pose, mode) for mode in MODE_SIGNS}
+    found = {mode: at for mode, at in main.items() if at is not None}
+    roots = _roots(parameters, pose)
+    for mode in MODE_SIGNS:
+        sign = _geometry(parameters, mode)[6]
+        others, at = roots[sign], main[mode]
+        if at is not None and others:
+            gaps = [float(np.abs(q - at.q)[:2].max()) for q in others]
+            nearest = gaps.index(min(gaps))
+            if gaps[nearest] < NEAR:
+                del others[nearest]
+        for number, q in enumerate(others, 2):
+            found[f"{mode}-{number}"] = configuration(parameters, q, sign)
+    return found
+
+
+def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, list[Vector]]:
+    """Return q at every root of P_x = x by s, from v = 0 outwards.
+
+    The curve's halves v >= 0 and v <= 0 are scanned at common nodes, spread evenly in v and, denser
+    where f falls to 0, in kappa: where m is small kappa turns within some m of v = 90 degrees.
+    Between nodes where P_x - x changes sign is a root, and a pair where it turns back beyond 0.
+    They are refined by v or, about 90 degrees, by t = log cot(kappa / 2).
+    """
+    a, c, length, r, big_r = _lengths(parameters)
+    m, mu, sw, cw = _curve(pose)
+    x = pose["x"] + r / 2
+    mirror = -1.0 if m < 0.0 else 1.0
+    m = max(abs(m), FLAT)
+    found: dict[float, list[tuple[tuple[float, float], Vector]]] = {1.0: [], -1.0: []}
+    # t falls from start to end, where the links are stretched or v = 180 degrees.
+    largest = (a * a + c * c - length**2) / (2 * a * c)
+    start = math.asinh(mu / m)
+    end = -start if largest <= -1.0 else -math.inf if largest >= 1.0 else math.atanh(largest)
+    if end == -math.inf or end >= start:
+        return {1.0: [], -1.0: []}
+    stretched = end > -start
+    end = max(end, -start)
+    # Both halves end in the same point: a root between their ends would be lost.
+    least = max(m * math.sinh(end) / mu, -1.0) if stretched else -1.0
+
+    def across(cv: Any, sv: Any, side: Any, s: Any) -> tuple[Any, Any]:
+        """Return P_x - x and what has the sign of its slope by |v|, of numbers or arrays."""
+        cphi2 = cv * cv + (m * sv) ** 2
+        cphi = cphi2**0.5
+        sk, ck, sphi = m / cphi, mu * cv / cphi, side * mu * sv
+        spsi, cpsi = sw * cv - cw * side * sv, cw * cv + sw * side * sv
+        less = sk * sk / (1.0 + abs(ck)) + (abs(ck) - ck)
+        rho2 = (a - c) ** 2 + 2 * a * c * less + uup_POINT
+        excess = length**2 / rho2 - 1.0
+        # The positive part, of arrays too.
+        f2 = 0.5 * (excess + abs(excess))
+        f = f2**0.5
+        arm = a - c + c * less
+        h_k = (f2 * c - length**2 * a * c / (rho2 * rho2) * arm) * sk
+        value = s * f * arm * sphi + big_r / 2 * (cphi * cpsi - sphi * ck * spsi) - x
+        even = s * h_k * sk * sphi * sphi
+        even = even + f * (s * f * arm * cphi2 * ck + big_r / 2 * spsi * sk * sk)
+        return value, side * even
+
+    first, last = math.atan2(m, mu), math.atan2(1.0, math.sinh(end))
+    inner = np.linspace(0.0, 1.0, NODES + 2)[1:-1]
+    by_v = np.cos(inner * math.acos(least))
+    by_kappa = m / np.tan(last - (last - first) * inner**2) / mu
+    cosines = np.clip(np.concatenate([by_v, by_kappa, [1.0, least]]), least, 1.0)
+    cosines = np.sort(cosines)[::-1]
+    side, s = np.array([[1.0], [-1.0], [1.0], [-1.0]]), np.array([[1.0], [1.0], [-1.0], [-1.0]])
+    value, slope = across(cosines, np.sqrt((1 - cosines) * (1 + cosines)), side, s)
+    if stretched:  # f = 0: both s meet
+        value[:2, -1] = value[2:, -1] = (value[:2, -1] + value[2:, -1]) / 2
+    sign = np.where(value >= 0.0, 1.0, -1.0)
+    crosses = sign[:, 1:] != sign[:, :-1]
+    slope = slope * sign
+    turns = ~crosses & (slope[:, :-1] < 0.0) & (slope[:, 1:] > 0.0)
+    for row, k in np.argwhere(crosses | turns).tolist():
+        sense, s_row = float(side[row, 0]), float(s[row, 0])
+        ends = [float(cosines[k]), float(cosines[k + 1])]
+        near = max(map(abs, ends)) <= 0.8
+
+        def place(p: float, near: bool = near) -> tuple[float, float]:
+            if not near:
+                return math.cos(p), math.sin(p)
+            cv = m * math.sinh(p) / mu
+            return cv, math.sqrt(max(1.0 - cv * cv, 0.0))
+
+        def miss(p: float, sense: float = sense, s_row: float = s_row) -> float:
+            return float(across(*place(p), sense, s_row)[0])
+
+        def turn(p: float, sense: float = sense, s_row: float = s_row) -> float:
+            return float(across(*place(p), sense, s_row)[1])
+
+        low, high = (math.asinh(mu * cv / m) if near else math.acos(cv) for cv in ends)
+        brackets = [(low, high)]
+        if turns[row, k]:
+            middle = _zero(turn, low, high)
+            short = miss(middle) * sign[row, k]
+            if short > 1e-15 * (length + big_r):
+                continue
+            brackets = [(low, middle), (middle, high)] if short < 0.0 else [(middle, middle)]
+        for pair in brackets:
+            cv, sv = place(_zero(miss, *pair))
+            cphi = math.hypot(cv, m * sv)
+            phi = math.atan2(sense * mu * sv, cphi)
+            kappa = mirror * math.atan2(m, mu * cv)
+            psi = math.atan2(sw * cv - cw * sense * sv, cw * cv + sw * sense * sv)
+            found[s_row].append(((-cv, -sense), np.array([phi, kappa, psi])))
+    return {s: [q for _, q in sorted(some, key=lambda one: one[0])] for s, some in found.items()}
+
+
+def _zero(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a function is 0 between ends where its signs differ, to rounding."""
+    from scipy.optimize import brentq  # takes longer to import than most commands need
+
+    at_low, at_high = function(low), function(high)
+    # Rounding may move an end's sign: then it is the root.
+    if at_low * at_high >= 0.0:
+        return low if abs(at_low) < abs(at_high) else high
+    size = 1e-16 * max(abs(low), abs(high))
+    return float(brentq(function, low, high, xtol=size, rtol=1e-15, maxiter=500))
+
+
 def _matching(
     parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
 ) -> Configuration:
-    """Return the configuration of a pose that has these joint positions, in any working mode."""
+    """Return the configuration of a pose that has these joint positions, on any branch.
+
+    Kappa follows from o's height, cos phi sin kappa = m, and from the circles about B2 and P3 that
+    P2 lies on: of two crossings the one that fits the pose, of two ways the one that errs less.
+    """
     a, c, length, _, _ = _lengths(parameters)
     m, _, sw, cw = _curve(pose)
     phi, d3 = joints["phi"], joints["delta3"]
     sphi, cphi = math.sin(phi), math.cos(phi)
     p3 = np.array([-a + length * math.sin(d3), length * math.cos(d3)])
-    # o's height is cos phi sin kappa = m; P2 tells on which side of a right angle kappa is.
-    sk = min(max(m / cphi if cphi else 0.0, -1.0), 1.0)
-    size = math.sqrt(1 - sk * sk)
+    couplers, rise = _couplers(parameters, p3)
 
-    def gap(ck: float) -> float:
-        return abs(math.hypot(*(p3 + 2 * c * np.array([ck, sk]) - [a, 0.0])) - length)
+    def at(sk: float, ck: float) -> Configuration:
+        ym, hm = p3 + c * np.array([ck, sk])
+        sign = 1.0 if ym * c * sk + hm * (a - c * ck) >= 0.0 else -1.0
+        psi = math.atan2(sw, cw) - math.atan2(sphi, cphi * ck)
+        return configuration(parameters, np.array([phi, math.atan2(sk, ck), psi]), sign)
 
-    ck = min((size, -size), key=gap)
-    ym, hm = p3 + c * np.array([ck, sk])
-    sign = 1.0 if ym * c * sk + hm * (a - c * ck) >= 0.0 else -1.0
-    psi = math.atan2(sw, cw) - math.atan2(sphi, cphi * ck)
-    return configuration(parameters, np.array([phi, math.atan2(sk, ck), psi]), sign)
+    def gap(found: Configuration) -> float:
+        return float(abs(found.rotation[2, 1] - m) + abs(found.centre[0] - pose["x"]) / length)
+
+    if not couplers:  # P3 in B2: kappa from the height alone
+        couplers, rise = [np.array([ck, m / cphi]) for ck in (1.0, -1.0)], -1.0
+    best = min((at(float(sk), float(ck)) for ck, sk in couplers), key=gap)
+    ck = math.cos(best.q[1])
+    if abs(cphi * ck) > rise:
+        sk = min(max(m / cphi, -1.0), 1.0)
+        best = at(sk, math.copysign(math.sqrt(1 - sk * sk), ck))
+    return best
+
+
+def _couplers(parameters: Parameters, p3: Vector) -> tuple[list[Vector], float]:
+    """Return both (cos kappa, sin kappa) that link 2 allows with P3 at p3, in (y, height).
+
+    With them the sine of the angle between B2P3 and P2P3, 0 where both are one; below 0 where
+    link 2 and the platform's side do not span it.
+    """
+    a, c, length, _, _ = _lengths(parameters)
+    between = np.array([a, 0.0]) - p3
+    span = float(np.hypot(*between))
+    if span <= TINY:
+        return [], -1.0
+    cosine = (4 * c**2 - length**2 + span**2) / (4 * c * span)
+    sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
+    forth = between / span
+    left = np.array([-forth[1], forth[0]])
+    fits = cosine * cosine - 1.0 < 1e-12 * (length / (2 * c)) ** 2
+    return [cosine * forth + side * sine * left for side in (1.0, -1.0)], sine if fits else -1.0
 
 
 def _span(parameters: Parameters, joints: Mapping[str, float]) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.aspects import determinants
+from pmopt.analysis.projection import reached_positions
 from pmopt.analysis.shape import grid_points
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.reporting.surface import surface_nets
@@ -89,6 +90,8 @@ class SurfaceMesh:
         At the point of the surface that each face stands for.
     cut : str
         The plane of the cut, e.g. ``y = 0 m``; empty where nothing is cut away.
+    downwards : bool
+        Whether the last coordinate is drawn downwards.
     """
 
     names: tuple[str, ...]
@@ -97,6 +100,7 @@ class SurfaceMesh:
     faces: NDArray[np.intp]
     lci: NDArray[np.float64]
     cut: str
+    downwards: bool = False
 
 
 @dataclass(frozen=True)
@@ -225,9 +229,8 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
     vertices, faces, points = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp), np.empty((0, 3))
     if design.box_volume > 0:
         sides = place.upper - lower
-        counts = np.full(3, float(cells))
-        if len(set(units)) == 1:
-            counts *= sides / sides.max()
+        # Sides without a common scale are all drawn alike.
+        counts = cells * (sides / sides.max() if len(set(units)) == 1 else np.full(3, 2 / 3))
         counts = np.ceil(np.maximum(counts, _LEAST_CELLS * cells)) + 1
         axes = [
             np.linspace(a, b, int(n)) for a, b, n in zip(lower, place.upper, counts, strict=True)
@@ -241,6 +244,57 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
         lci=_inside(sweeper, design, np.ascontiguousarray(points.T))[1],
         cut=cut,
     )
+
+
+def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
+    """Return the positions reached as voxels, cut open, with the largest LCI met in each.
+
+    None for a mechanism whose pose is a position: its workspace shows them.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    """
+    mechanism = sweeper.mechanism
+    if all(c.kind == "length" for c in mechanism.pose):
+        return None
+    order = [k for k in range(3) if k != mechanism.vertical] + [mechanism.vertical]
+    names = tuple("xyz"[k] for k in order)
+    units = (mechanism.length_unit,) * 3
+    downwards = mechanism.vertical == 0
+    nothing = SurfaceMesh(names, units, np.empty((0, 3)), np.empty((0, 4), dtype=np.intp),
+                          np.empty(0), "", downwards)  # fmt: skip
+    if design.box_volume == 0:
+        return nothing
+    found = reached_positions(sweeper, design)
+    if found is None:
+        return nothing
+    lower, step = found.lower[order], found.step
+    best = np.pad(found.best.transpose(order), 1, constant_values=np.nan)
+    half = (best.shape[1] - 2) // 2
+    level = float(lower[1] + half * step)
+    best[:, : half + 1] = np.nan  # what is in front of the cut
+    full = np.isfinite(best)
+    quads, colours = [], []
+    for axis, direction in itertools.product(range(3), (-1, 1)):
+        bare = np.argwhere(full & ~np.roll(full, -direction, axis))
+        corner = bare - 1.0
+        corner[:, axis] += direction > 0
+        along, across = (axis + 1) % 3, (axis + 2) % 3
+        ring = []
+        for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
+            point = corner.copy()
+            point[:, along] += u
+            point[:, across] += v
+            ring.append(point)
+        quads.append(np.stack(ring if direction > 0 else ring[::-1], axis=1))
+        colours.append(best[tuple(bare.T)])
+    vertices = lower + step * np.concatenate(quads).reshape(-1, 3)
+    return SurfaceMesh(
+        names, units, vertices, np.arange(len(vertices)).reshape(-1, 4), np.concatenate(colours),
+        plane(names[1], float(f"{level:.4g}"), units[1]), downwards,
+    )  # fmt: skip
 
 
 def plane(name: str, level: float, unit: str) -> str:

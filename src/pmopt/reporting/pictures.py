@@ -10,7 +10,7 @@ from pmopt.analysis.workspace import WorkspaceResult, compute_workspace
 from pmopt.errors import InputError
 from pmopt.reporting import plots
 from pmopt.reporting.drawing import draw_mechanism
-from pmopt.reporting.fields import Section, section_fields, surface_field
+from pmopt.reporting.fields import Section, position_field, section_fields, surface_field
 from pmopt.reporting.run_folder import read_manifest
 from pmopt.reporting.tasks import WorkspaceTask
 
@@ -30,6 +30,12 @@ def of_workspace(
     mesh, sections = surface_field(sweeper, design), section_fields(sweeper, design)
     if mesh is not None:
         drawn["workspace.png"] = plots.draw_surface(mesh, result)
+    positions = position_field(sweeper, design)
+    if positions is not None:
+        what = "the tool point" if task.settings.tool else "the platform's centre"
+        drawn["positions.png"] = plots.draw_surface(
+            positions, result, [f"positions of {what}, coloured by the largest LCI met there"]
+        )
     return drawn | _drawn_sections(sections, result) | _drawn_mechanism(task)
 
 

@@ -43,14 +43,14 @@ _VIEW = (24.0, -66.0)
 _LIGHT = np.array([0.35, -0.45, 0.82])
 _CUT = np.array([0.0, -1.0, 0.0])
 #: Largest ratio of sides that are drawn to one scale.
-_MOST_SLENDER = 8.0
+_MOST_SLENDER = 12.0
 _BINS = 100
 SINGULAR = "#ff3b1f"
 _NO_SCALE = "sides not to one scale"
 _STEPS = [1, 2, 2.5, 5, 10]
 
 
-def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult) -> bytes:
+def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[str] = ()) -> bytes:
     """Draw the surface of a workspace, cut open, its faces coloured by LCI.
 
     Parameters
@@ -58,6 +58,8 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult) -> bytes:
     mesh : SurfaceMesh
     result : WorkspaceResult
         Of the same design.
+    remarks : sequence of str
+        What the caption says further.
     """
     if len(mesh.faces) == 0:
         return draw_nothing(result)
@@ -71,22 +73,25 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult) -> bytes:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         true = high - low
         sides = _sides(true, mesh.units)
-        remarks = [f"cut at {mesh.cut}"] if mesh.cut else []
-        remarks += [] if sides is true else [_NO_SCALE]
+        told = [*remarks, *([f"cut at {mesh.cut}"] if mesh.cut else [])]
+        told += [] if sides is true else [_NO_SCALE]
         axes.set_box_aspect(sides)
         for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
             getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
             axis.set_label_text(label(mesh.names[k], mesh.units[k]))
-            ticks = MaxNLocator(2 + round(6 * sides[k] / sides.max()), steps=_STEPS)
+            ticks = MaxNLocator(1 + round(7 * sides[k] / sides.max()), steps=_STEPS)
             places = ticks.tick_values(low[k], high[k])
             # At the near corner a label of x would meet the first one of y.
             end = high[k] - (0.04 * (high[k] - low[k]) if k == 0 else 0.0)
             axis.set_ticks(places[(places >= low[k]) & (places <= end)])
             axis.set_pane_color("white")
+        if mesh.downwards:
+            axes.invert_zaxis()
         fit_axes(figure, axes, (0.02, 0.07, 0.84, 0.8))
         quads = mesh.vertices[mesh.faces]
         scale = colour_scale(result)
-        colours = _shade(scale.to_rgba(mesh.lci)[:, :3], quads)
+        light = _LIGHT * [1.0, 1.0, -1.0 if mesh.downwards else 1.0]
+        colours = _shade(scale.to_rgba(mesh.lci)[:, :3], quads, light)
         # Edges in the face's colour close the hairlines between antialiased neighbours.
         axes.add_collection3d(
             Poly3DCollection(quads, facecolors=colours, edgecolors=colours, linewidths=0.4),
@@ -94,7 +99,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult) -> bytes:
         )
         bar = figure.colorbar(scale, cax=figure.add_axes((0.895, 0.2, 0.02, 0.55)))
         bar.set_label(index_label(result))
-        write_caption(figure, result, remarks)
+        write_caption(figure, result, told)
         return to_png(figure)
 
 
@@ -346,11 +351,13 @@ def _rows(spans: Sequence[tuple[float, float]]) -> list[int]:
     return rows
 
 
-def _shade(colours: NDArray[np.float64], quads: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shade(
+    colours: NDArray[np.float64], quads: NDArray[np.float64], towards: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Brighten faces that are lit more than the cut and darken those that are lit less."""
     normals = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    light = ((normals - _CUT) @ _LIGHT / np.linalg.norm(_LIGHT))[:, None]
+    light = ((normals - _CUT) @ towards / np.linalg.norm(towards))[:, None]
     lit, dark = np.maximum(light, 0.0), np.minimum(light, 0.0)
     return np.asarray(np.clip(colours * (1 + 0.5 * dark) + (1 - colours) * 0.5 * lit, 0.0, 1.0))
 

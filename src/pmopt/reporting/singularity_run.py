@@ -136,20 +136,20 @@ def _where(found: Nearness, units: dict[str, str]) -> str:
     """Say whether a determinant changes sign, and what its zeros have in common."""
     if not found.crossed:
         return "one sign"
-    same = ", ".join(f"|{k}| = {_angle(v, units[k])}" for k, v in found.always.items())
+    same = ", ".join(f"{k} = {_angle(v, units[k.strip('|')])}" for k, v in found.always.items())
     return f"changes sign, always at {same}" if same else "changes sign"
 
 
 def singularity_tables(result: SingularityResult) -> list[Table]:
     """Return what was found, how near the workspace comes to singularities first."""
     rows: list[tuple[Cell, ...]] = [
-        ("smallest lci met", result.smallest_lci, ""),
-        ("smallest singular value met (homogenized)", result.smallest_singular_value, ""),
-        ("lci at home", result.home_lci, ""),
+        ("smallest lci met", result.smallest_lci, "", ""),
+        ("smallest singular value met (homogenized)", result.smallest_singular_value, "", ""),
+        ("lci at home", result.home_lci, "", ""),
     ]
     rows += [
         (f"determinant, {KINDS[n.kind]}, {n.part}", n.smallest,
-         _where(n, result.units))
+         _where(n, result.units), n.condition)
         for n in result.nearness
     ]  # fmt: skip
     design = ", ".join(
@@ -159,7 +159,7 @@ def singularity_tables(result: SingularityResult) -> list[Table]:
     )
     near = Table(
         f"{result.mechanism}: {design}",
-        ("quantity", "smallest absolute value", "over the workspace"),
+        ("quantity", "smallest absolute value", "over the workspace", "vanishes where"),
         tuple(rows),
         {},
         (f"working mode {result.working_mode}; determinants are normalised, without unit, over "

@@ -136,7 +136,8 @@ def _parameters(
                          if k not in {p.name for p in mechanism.parameters}}, place)  # fmt: skip
     resolved: dict[str, float | tuple[float, float] | None] = {}
     for parameter in mechanism.parameters:
-        given = config.parameters.get(parameter.name, parameter.bounds)
+        own = parameter.default if parameter.bounds is None else parameter.bounds
+        given = config.parameters.get(parameter.name, own)
         if isinstance(given, list | tuple):
             ends = [as_number(v) for v in given]
             if (

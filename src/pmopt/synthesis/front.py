@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -132,7 +133,8 @@ def measure_front(
             key: sign * (by_name[name].value - bound)
             for key, (name, sign, bound) in problem.bounds.items()
         }
-        if found.reachable and all(v >= 0 for v in slack.values()):
+        exists = all(math.isfinite(by_name[name].value) for name in problem.objectives)
+        if found.reachable and exists and all(v >= 0 for v in slack.values()):
             rows.append((row, found, by_name, slack))
     values = np.array([[r[2][k].value for k in problem.objectives] for r in rows])
     if len(rows):

@@ -167,17 +167,17 @@ class DesignProblem:
         if self._projects:
             for name, pairs in self._projected(designs).items():
                 by_name[name] = (pairs[:, 0], pairs[:, 1])
-        # A quantity that does not exist breaks its bounds.
+        # A quantity that does not exist breaks its bounds, and an objective the existence of a
+        # workspace: too few poses are reachable to tell their positions.
         bounds = [
             np.nan_to_num(sign * (by_name[name][0] - bound), nan=-1.0)
             for name, sign, bound in self.bounds.values()
         ]
-        return Evaluations(
-            variables,
-            np.stack([by_name[name][0] for name in self.objectives], axis=1),
-            np.stack([by_name[name][1] for name in self.objectives], axis=1),
-            np.stack([*slack, *bounds], axis=1),
+        values, errors = (
+            np.stack([by_name[name][k] for name in self.objectives], axis=1) for k in (0, 1)
         )
+        slack[0] = np.where(np.isnan(values).any(axis=1), np.minimum(slack[0], -1e-9), slack[0])
+        return Evaluations(variables, values, errors, np.stack([*slack, *bounds], axis=1))
 
     def _one_by_one(
         self, designs: list[Design]

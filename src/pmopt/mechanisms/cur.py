@@ -783,7 +783,8 @@ class Cur(Mechanism):
         limits : mapping, optional
             Complete; default: :meth:`default_limits`.
         degrees : float
-            Step of the grid; the difference to a step twice as wide estimates the error.
+            Step of the grid; the difference to a step twice as wide is the error told (an error
+            that falls with the first power of the step is as large).
 
         Returns
         -------
@@ -793,7 +794,7 @@ class Cur(Mechanism):
         fine, coarse = (
             self._integrated(parameters, limits, step) for step in (degrees, 2 * degrees)
         )
-        return fine, abs(fine - coarse) / math.sqrt(5)
+        return fine, abs(fine - coarse)
 
     def _integrated(self, parameters: Parameters, limits: Ranges | None, degrees: float) -> float:
         from scipy import ndimage

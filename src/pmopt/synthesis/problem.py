@@ -25,7 +25,7 @@ REACHABLE = "reachable"
 #: Most samples of a design when the front is measured: about a second.
 FINAL_SAMPLES = 1 << 26
 #: Samples behind the measures in space when the front is measured.
-FINAL_PROJECTION = 1 << 21
+FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
 _PROJECTED = {"projected_volume": "volume", "footprint": "footprint"}
 #: Added where a smallest LCI is set: some reachable pose must have it.

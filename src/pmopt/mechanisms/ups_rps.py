@@ -288,7 +288,7 @@ class UpsRps(Mechanism):
         anchors, points = _anchors(parameters), _points(parameters)
         radius = _radii(parameters)[2]
         wanted = np.array([joints[c.name] for c in self.joints])
-        size = float(wanted.max())
+        size = max(float(wanted.max()), radius)  # lengths may be 0
 
         def system(u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             """Lengths over the longest limb, so that all unknowns are of size 1."""

@@ -991,9 +991,10 @@ def _nearest(
 ) -> tuple[Vector, float, float, float]:
     """Return q where P_x is nearest to x as the kernel finds it, the miss, the slope and s."""
     a, c, l2, _, r, big_r, s, up, far = _geometry(parameters, mode)
-    miss, slope, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
-        pose["x"], pose["beta"], pose["gamma"], (a, c, l2, r, big_r, s, up, far)
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # far off: told by the miss
+        miss, slope, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
+            pose["x"], pose["beta"], pose["gamma"], (a, c, l2, r, big_r, s, up, far)
+        )
     q = np.array([math.atan2(sphi, cphi), math.atan2(sk, ck), math.atan2(spsi, cpsi)])
     return q, miss, slope, s
 

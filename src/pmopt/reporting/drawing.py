@@ -61,7 +61,8 @@ def draw_mechanism(
     """
     mode = mechanism.check_mode(working_mode)
     constants = mechanism.kernel_constants(parameters, mode, 1.0, {})
-    flat = np.array(mechanism.skeleton(*pose.values(), tuple(constants)))
+    with np.errstate(over="ignore", invalid="ignore"):  # as in compiled code
+        flat = np.array(mechanism.skeleton(*pose.values(), tuple(constants)))
     first = 12
     segments = flat[first : first + 6 * len(mechanism.segments)].reshape(-1, 2, 3)
     chains = mechanism.layout(parameters, pose, mode)

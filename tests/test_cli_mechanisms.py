@@ -96,12 +96,13 @@ def test_folders_hold_pictures_and_tables(mechanism, tmp_path):
     assert {"mechanism.png", "sections.png", "result.json", "regions.csv"} <= set(held)
     assert ("positions.png" in held) == any(c.kind == "angle" for c in mechanism.pose)
     assert ("workspace.png" in held) == (len(mechanism.pose) == 3)
-    drawn = json_answer("plot", "run", "--out", "again", cwd=tmp_path)["written"]
-    assert sorted(drawn) == sorted(f"again/{n}" for n in held if n.endswith(".png"))
-    for name in drawn:
-        assert (tmp_path / name).read_bytes() == (
-            tmp_path / "run" / name.removeprefix("again/")
-        ).read_bytes()
+    if len(mechanism.pose) > 3:  # test_cli.py draws those of three coordinates again
+        drawn = json_answer("plot", "run", "--out", "again", cwd=tmp_path)["written"]
+        assert sorted(drawn) == sorted(f"again/{n}" for n in held if n.endswith(".png"))
+        for name in drawn:
+            assert (tmp_path / name).read_bytes() == (
+                tmp_path / "run" / name.removeprefix("again/")
+            ).read_bytes()
     args = (*SMALL, "--grid", "8", "--out", "singular", "--format", "json")
     assert here("singularities", mechanism.name, *args, cwd=tmp_path).returncode == 0
     held = files_in(tmp_path / "singular")

@@ -9,7 +9,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
+from itertools import chain, islice
 from typing import TypeVar
 
 from pmopt.errors import InputError
@@ -42,6 +42,11 @@ def ordered_map(
         yield from map(function, items)
         return
     source = iter(items)
+    head = list(islice(source, 2))
+    if len(head) < 2:  # a pool costs more than a short item
+        yield from map(function, head)
+        return
+    source = chain(head, source)
     with ThreadPoolExecutor(threads) as pool:
         pending: deque[Future[Result]] = deque()
         try:

@@ -204,4 +204,7 @@ def find_families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:
                 poses = search.examine(fixed)
                 if poses is not None and size + 1 < dimension:
                     search.further(fixed, poses)
-    return tuple(search.found)
+    # One found early by a further coordinate may lie in one found later.
+    whole = [f for f in search.found
+             if not any(other.fixed.items() < f.fixed.items() for other in search.found)]  # fmt: skip
+    return tuple(sorted(whole, key=lambda f: (not f.in_domain, len(f.fixed))))

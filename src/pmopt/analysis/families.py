@@ -205,6 +205,9 @@ def find_families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:
                 if poses is not None and size + 1 < dimension:
                     search.further(fixed, poses)
     # One found early by a further coordinate may lie in one found later.
-    whole = [f for f in search.found
-             if not any(other.fixed.items() < f.fixed.items() for other in search.found)]  # fmt: skip
+    whole = [
+        family
+        for family in search.found
+        if not any(other.fixed.items() < family.fixed.items() for other in search.found)
+    ]
     return tuple(sorted(whole, key=lambda f: (not f.in_domain, len(f.fixed))))

@@ -1,6 +1,7 @@
 """Limits of real machines: clearances, cone angles, the tool; and the positions reached."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -145,7 +146,7 @@ def test_projected_volume_of_translations_is_the_volume():
         found = measure_projection(sweeper, sweeper.design(params))
         exact = compute_workspace(mechanism, change, shape_grid=0).volume.value
         assert abs(found.volume.value - exact) < 3 * found.volume.error
-        assert found.volume.error < 0.05 * exact
+        assert found.volume.error < 0.1 * exact
 
 
 def test_footprint_grows_with_the_base():
@@ -181,6 +182,36 @@ def test_shape_is_counted_in_any_dimension(mechanism):
     for region, topology in zip(result.regions, result.shape.regions, strict=True):
         if region.volume.value == 0:
             assert topology.pieces == 0
+
+
+@pytest.mark.parametrize("samples", [1 << 14, 1 << 17, 1 << 20])
+def test_projected_volume_where_it_is_known_otherwise(samples):
+    """3-CUR: position and tilt tell each other, so that the integral of z's range is the volume.
+
+    At a tilt z runs through the common part of the strokes; x and y are the tilt's alone.
+    """
+    mechanism = find("3-cur")
+    params = mechanism.resolve({})
+    free = {f"h{k}": (-math.inf, math.inf) for k in (1, 2, 3)}
+    sweeper = Sweeper(mechanism, WorkspaceSettings())
+    design = sweeper.design(params)
+    limits = {**mechanism.default_limits(params), **free}
+    unbounded = mechanism.kernel_constants(params, "up-up-up", 1.0, limits)
+    tilts = np.linspace(-0.9, 0.9, 401)
+    beta, gamma = (m.ravel() for m in np.meshgrid(tilts, tilts, indexing="ij"))
+    poses = np.stack([0 * beta, beta, gamma])
+    inside = sweeper.field(replace(design, constants=unbounded), poses)[0] >= 0
+    facts = sweeper.probe(design, poses)
+    heights = facts.segments[:, :3, 0, 2]  # of the sliders where z is 0
+    depth = np.where(inside, 0.3 - np.ptp(heights, axis=1), 0.0).clip(0).reshape(401, 401)
+    x, y = (facts.position[:, k].reshape(401, 401) for k in (0, 1))
+    (x_b, x_g), (y_b, y_g) = (np.gradient(v, tilts[1] - tilts[0]) for v in (x, y))
+    areas = x_b * y_g - x_g * y_b
+    assert (areas[depth > 0] < 0).all()  # one sign: no position is met twice nearby
+    exact = float((depth * np.abs(areas)).sum() * (tilts[1] - tilts[0]) ** 2)
+    found = measure_projection(sweeper, design, samples).volume
+    assert abs(found.value - exact) < 2.5 * found.error
+    assert found.error < 0.3 * exact
 
 
 def test_a_cavity_of_the_positions_is_a_void_and_no_volume():

@@ -149,6 +149,17 @@ def test_projected_volume_of_translations_is_the_volume():
         assert found.volume.error < 0.1 * exact
 
 
+def test_footprint_of_few_samples_is_that_of_many(mechanism):
+    """Hulls of few points are too small; what they miss is told."""
+    params = mechanism.resolve({})
+    sweeper = Sweeper(mechanism, WorkspaceSettings())
+    design = sweeper.design(params)
+    many = measure_projection(sweeper, design, 1 << 20).footprint
+    few = measure_projection(sweeper, design, 1 << 15).footprint
+    assert abs(few.value - many.value) < 2.5 * few.error
+    assert many.error < few.error < 0.12 * many.value
+
+
 def test_footprint_grows_with_the_base():
     mechanism = find("2pauu-ppap")
     sweeper = Sweeper(mechanism, WorkspaceSettings())
@@ -184,8 +195,8 @@ def test_shape_is_counted_in_any_dimension(mechanism):
             assert topology.pieces == 0
 
 
-@pytest.mark.parametrize("samples", [1 << 14, 1 << 17, 1 << 20])
-def test_projected_volume_where_it_is_known_otherwise(samples):
+@pytest.mark.parametrize(("samples", "largest"), [(1 << 14, 1.0), (1 << 17, 0.3), (1 << 20, 0.15)])
+def test_projected_volume_where_it_is_known_otherwise(samples, largest):
     """3-CUR: position and tilt tell each other, so that the integral of z's range is the volume.
 
     At a tilt z runs through the common part of the strokes; x and y are the tilt's alone.
@@ -211,7 +222,7 @@ def test_projected_volume_where_it_is_known_otherwise(samples):
     exact = float((depth * np.abs(areas)).sum() * (tilts[1] - tilts[0]) ** 2)
     found = measure_projection(sweeper, design, samples).volume
     assert abs(found.value - exact) < 2.5 * found.error
-    assert found.error < 0.3 * exact
+    assert found.error < largest * exact
 
 
 def test_a_cavity_of_the_positions_is_a_void_and_no_volume():

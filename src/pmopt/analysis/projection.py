@@ -137,12 +137,15 @@ def measure_projection(
     full, rough = grids[0], occupied(joined, lower, 1.5 * step)
     uncut = np.zeros((3, 2), dtype=bool)
     shape = confirmed(topology_of(full, uncut), topology_of(rough, uncut))
-    areas = [_hull_area(c) for c in corners]
+    areas = np.array([_hull_area(c) for c in corners])
     whole = _hull_area(np.concatenate(corners))
-    # A hull of points is too small: parts of the sample tell by how much it still grows.
-    spread = max(float(np.std(areas, ddof=1)), whole - float(np.mean(areas)))
+    # A hull of points is too small: what four times the points have added, they will add again.
+    missing = whole - float(areas.mean())
+    footprint = Estimate(
+        whole + missing, max(math.hypot(missing, float(areas.std(ddof=1))), 1e-12 * whole)
+    )
     return Projection(
-        volume, Estimate(whole, max(spread, 1e-12 * whole)), shape, grid,
+        volume, footprint, shape, grid,
         tuple(lower.tolist()), tuple(upper.tolist()),
     )  # fmt: skip
 

@@ -79,7 +79,8 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
             getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
             axis.set_label_text(label(mesh.names[k], mesh.units[k]))
-            ticks = MaxNLocator(1 + round(7 * sides[k] / sides.max()), steps=_STEPS)
+            count = 1 + round(7 * sides[k] / sides.max())
+            ticks = MaxNLocator(count, steps=_STEPS, min_n_ticks=1)
             places = ticks.tick_values(low[k], high[k])
             # At the near corner a label of x would meet the first one of y.
             end = high[k] - (0.04 * (high[k] - low[k]) if k == 0 else 0.0)

@@ -3,6 +3,7 @@
 import math
 import tomllib
 
+import numpy as np
 import pytest
 from cli_runner import (
     CONFIGS,
@@ -16,6 +17,8 @@ from cli_runner import (
 )
 
 from pmopt.mechanisms import find, names
+from pmopt.synthesis.config import resolve_config
+from pmopt.synthesis.problem import DesignProblem
 
 #: A pose that no limb reaches, and a design that can not be assembled anywhere.
 FAR = {
@@ -230,3 +233,18 @@ def test_objectives_and_constraints_of_every_kind(name, tmp_path):
     units = strict_json((tmp_path / "run/manifest.json").read_text())["units"]
     unit = find(name).length_unit
     assert (units["projected_volume"], units["footprint"]) == (f"{unit}^3", f"{unit}^2")
+
+
+def test_designs_with_too_few_poses_to_tell_positions_are_infeasible():
+    """Something is reachable and has an index, but no volume of positions: no NaN is a design."""
+    limits = {f"l{k}": [940, 1060] for k in range(1, 6)}
+    config = {
+        "mechanism": "4-ups-rps", "objectives": ["projected_volume", "gci"],
+        "workspace": {"samples": 4000, "limits": limits},
+    }  # fmt: skip
+    problem = DesignProblem(resolve_config(config, "here"))
+    unit = np.random.default_rng(0).random((60, len(problem.lower)))
+    found = problem.evaluate(problem.lower + (problem.upper - problem.lower) * unit)
+    missing = np.isnan(found.values)
+    assert (missing[:, 0] & ~missing[:, 1]).any()
+    assert not (missing.any(axis=1) & found.feasible).any()

@@ -194,7 +194,6 @@ def test_shipped_configuration_finds_two_ends(name, tmp_path):
     volumes, indices = ([float(row[k]) for row in front] for k in ("volume", "gci"))
     assert max(volumes) > 1.2 * min(volumes)
     assert max(indices) > 1.05 * min(indices)
-    assert find(name).name == name
 
 
 CROSS = """

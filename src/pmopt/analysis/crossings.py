@@ -1,4 +1,4 @@
-"""Where a path of poses crosses singularities, and where it leaves the reach."""
+"""Where a path of poses crosses singularities."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pmopt.analysis.measures import Part, measures_at
-from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms.base import Mechanism, Parameters
 from pmopt.units import ONE
@@ -81,7 +79,6 @@ def follow_path(
     *,
     where: str = "path",
     rows: Sequence[int] | None = None,
-    notify: Notify | None = None,
 ) -> PathResult:
     """Follow a path of poses, straight from row to row in the pose's coordinates.
 
@@ -102,7 +99,6 @@ def follow_path(
         What errors call the path.
     rows : sequence of int, optional
         What errors call its rows; default: counted from 1.
-    notify : callable, optional
 
     Raises
     ------
@@ -114,19 +110,16 @@ def follow_path(
     numbers = list(range(1, len(path) + 1)) if rows is None else list(rows)
     if len(path) < 2:
         raise InputError(f"{where}: a path needs at least two poses, {len(path)} given")
-    sweeper = Sweeper(
-        mechanism, WorkspaceSettings(working_mode=working_mode), notify=notify, where=where
-    )
+    mode = mechanism.check_mode(working_mode, f"{where}: working_mode")
     parameters = mechanism.resolve(params or {})
     poses, values = [], []
     for number, given in zip(numbers, path, strict=True):
         pose = mechanism.check_coordinates(given, mechanism.pose, f"{where}, line {number}")
-        measures = measures_at(sweeper, parameters, pose)
+        measures = measures_at(mechanism, mode, parameters, pose)
         if measures is None:
             shown = ",".join(f"{k}={v!r}" for k, v in pose.items())
             raise UnreachableError(
-                f"{where}, line {number}: {shown} is out of reach in working mode "
-                f"{sweeper.working_mode}"
+                f"{where}, line {number}: {shown} is out of reach in working mode {mode}"
             )
         poses.append(pose)
         values.append(measures)
@@ -136,14 +129,14 @@ def follow_path(
         series = [row[part] for row in values]
         row = min(range(len(series)), key=lambda i: abs(series[i]))
         nearest.append(Nearest(*part, row + 1, series[row]))
-        for first, last, changes, pose in _zeros(sweeper, parameters, part, poses, series):
+        for first, last, changes, pose in _zeros(mechanism, mode, parameters, part, poses, series):
             time = None if times is None else _at(times, first)
             crossings.append(Crossing(*part, first + 1, last + 1, time, changes, pose))
     crossings.sort(key=lambda c: (c.row, c.kind, c.part))
     units = {c.name: mechanism.unit(c) for c in mechanism.pose}
     units |= {p.name: mechanism.unit(p) for p in mechanism.parameters}
     return PathResult(
-        mechanism.name, dict(parameters), sweeper.working_mode, len(path), tuple(crossings),
+        mechanism.name, dict(parameters), mode, len(path), tuple(crossings),
         tuple(nearest), units | {"time": "s", "row": ONE, "value": ONE},
     )  # fmt: skip
 
@@ -161,7 +154,8 @@ def _between(
 
 
 def _zeros(
-    sweeper: Sweeper,
+    mechanism: Mechanism,
+    mode: str,
     parameters: Parameters,
     part: Part,
     poses: Sequence[Mapping[str, float]],
@@ -183,7 +177,7 @@ def _zeros(
             for _ in range(_HALVINGS):
                 middle = (low + high) / 2
                 pose = _between(poses[i], poses[i + 1], middle)
-                measures = measures_at(sweeper, parameters, pose)
+                measures = measures_at(mechanism, mode, parameters, pose)
                 if measures is None:
                     break
                 value = measures[part]

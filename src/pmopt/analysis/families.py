@@ -123,7 +123,10 @@ class _Search:
     def _kinds(self, values: Vector) -> list[str]:
         """Return the kinds of the measures that vanish at a pose, the smallest first."""
         pose = dict(zip(self.names, values.tolist(), strict=True))
-        measures = measures_at(self.sweeper, self.design.parameters, pose) or {}
+        sweeper = self.sweeper
+        measures = (
+            measures_at(sweeper.mechanism, sweeper.working_mode, self.design.parameters, pose) or {}
+        )
         small = {key: abs(v) for key, v in measures.items() if abs(v) <= _SINGULAR}
         return [kind for kind, _ in sorted(small, key=lambda key: small[key])]
 

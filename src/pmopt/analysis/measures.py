@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pmopt.analysis.sweeper import Sweeper
-from pmopt.mechanisms.base import InverseSolution, Parameters
+from pmopt.mechanisms.base import InverseSolution, Mechanism, Parameters
 
 KINDS = {"inverse": "inverse (type I)", "forward": "forward (type II)", "constraint": "constraint"}
 #: A kind of singularity and the part of the mechanism, a limb or the platform.
@@ -13,19 +12,19 @@ Part = tuple[str, str]
 
 
 def branch_at(
-    sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]
+    mechanism: Mechanism, working_mode: str, parameters: Parameters, pose: Mapping[str, float]
 ) -> InverseSolution | None:
     """Return the working mode's solution of the inverse kinematics, None out of reach."""
-    branches = sweeper.mechanism.inverse(parameters, pose)
-    return next((s for s in branches if s.working_mode == sweeper.working_mode), None)
+    branches = mechanism.inverse(parameters, pose)
+    return next((s for s in branches if s.working_mode == working_mode), None)
 
 
 def measures_at(
-    sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]
+    mechanism: Mechanism, working_mode: str, parameters: Parameters, pose: Mapping[str, float]
 ) -> dict[Part, float] | None:
     """Return every normalised determinant, None out of reach."""
-    branch = branch_at(sweeper, parameters, pose)
+    branch = branch_at(mechanism, working_mode, parameters, pose)
     if branch is None:
         return None
-    found = sweeper.mechanism.singularity_measures(parameters, pose, branch.joints)
+    found = mechanism.singularity_measures(parameters, pose, branch.joints)
     return {(kind, part): value for kind, parts in found.items() for part, value in parts.items()}

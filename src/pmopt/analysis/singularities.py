@@ -288,7 +288,7 @@ def _nearness(
     rows, poses = [], []
     least = math.inf
     for pose in probes:
-        branch = branch_at(sweeper, parameters, pose)
+        branch = branch_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
         if branch is None:
             continue
         found = mechanism.singularity_measures(parameters, pose, branch.joints)
@@ -329,12 +329,12 @@ def _zeros(
         pose, value = a, math.inf
         for _ in range(52):
             pose = {k: (a[k] + b[k]) / 2 for k in a}
-            found = measures_at(sweeper, parameters, pose)
+            found = measures_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
             if found is None:
                 break
             value = found[key]
             a, b = (pose, b) if value > 0 else (a, pose)
-        branch = branch_at(sweeper, parameters, pose)
+        branch = branch_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
         # The line between the poses may leave the reach, or meet a jump of the measure.
         if branch is not None and abs(value) < _ZERO:
             zeros.append({**pose, **branch.joints, **branch.parasitic, **branch.passive})
@@ -357,7 +357,7 @@ def _always(zeros: list[dict[str, float]]) -> dict[str, float]:
 
 def _kind_at(sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]) -> str:
     """Return the kind of the measure that is smallest at a singular pose."""
-    measures = measures_at(sweeper, parameters, pose)
+    measures = measures_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
     if not measures:
         return "inverse"
     return min(measures, key=lambda key: abs(measures[key]))[0]
@@ -428,7 +428,7 @@ def _bisect(holds: Any, inside: float, outside: float) -> float:
 
 def _values(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -> dict[str, float]:
     """Return joints, parasitic and passive coordinates at a pose."""
-    branch = branch_at(sweeper, design.parameters, pose)
+    branch = branch_at(sweeper.mechanism, sweeper.working_mode, design.parameters, pose)
     if branch is None:
         return {}
     return {**branch.joints, **branch.parasitic, **branch.passive}
@@ -449,7 +449,7 @@ def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -
     size = mechanism.characteristic_length(design.parameters)
     if nearest is not None and nearest[0] <= 1e-6 * max(size, 1.0):
         return nearest[1]
-    measures = measures_at(sweeper, design.parameters, pose)
+    measures = measures_at(sweeper.mechanism, sweeper.working_mode, design.parameters, pose)
     if measures:
         small = {key: abs(v) for key, v in measures.items() if key[0] == "inverse"}
         part = min(small, key=lambda key: small[key])

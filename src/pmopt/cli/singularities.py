@@ -80,7 +80,7 @@ def singularities_command(
         for name, value in unused.items():
             if value:
                 raise InputError(f"--{name}: not together with --path")
-        _follow(path, mechanism, params, working_mode, form, quiet)
+        _follow(path, mechanism, params, working_mode, form)
         return
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "singularities"
@@ -98,9 +98,8 @@ def singularities_command(
 
 
 def _follow(
-    path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None,
-    form: str, quiet: bool,
-) -> None:  # fmt: skip
+    path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None, form: str
+) -> None:
     from pmopt.analysis.crossings import follow_path
     from pmopt.reporting.singularity_run import path_tables
 
@@ -114,6 +113,5 @@ def _follow(
         mechanism.check_mode(working_mode, "--working-mode"),
         where=f"--path: {path}",
         rows=[line for line, _ in rows],
-        notify=notifier(quiet),
     )
     emit(form, result.to_dict(), path_tables(result))

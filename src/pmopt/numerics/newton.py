@@ -39,15 +39,6 @@ def newton(system: System, starts: Array, steps: int = 40, largest: Array | None
     return x
 
 
-def distinct(points: Array, tolerance: Array | float) -> Array:
-    """Return the points, without NaN, that differ by more than the tolerance, in order."""
-    kept: list[Array] = []
-    for point in points[np.isfinite(points).all(axis=1)]:
-        if not any((np.abs(point - other) <= tolerance).all() for other in kept):
-            kept.append(point)
-    return np.array(kept).reshape(-1, points.shape[1])
-
-
 #: A root where the slope's singular values are further apart is taken for a multiple one, which
 #: Newton's method approaches linearly: what differs less from it than the wide gap is the same.
 _MULTIPLE = 1e-3

@@ -36,7 +36,10 @@ _INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
 _FORCE = '@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")'
 _SMALL = 5000
 _PLAIN = '@njit(fastmath={"contract"}, error_model="numpy")'
-_STUBS = ("margin_of", "index_block", "facts_of", "unpack", "FACTS", "ORDER", "AXES")
+_STUBS = (
+    "margin_of", "index_block", "place_on_line", "facts_of", "unpack",
+    "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS",
+)  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
 _ENTRIES = ("sweep", "field", "points", "probe")
@@ -63,6 +66,11 @@ class Recipe(NamedTuple):
         Number of cone angles.
     checks : tuple of str
         Of "clearance", "cone" and "tool": limits that the margin is to hold beside the kernel's.
+    line : function, optional
+        ``line(*pose, low, high, constants) -> (start, end, ..)``: points are placed on the parts it
+        leaves of lines along a coordinate; see :attr:`pmopt.mechanisms.base.Mechanism.line`.
+    line_axis, line_parts : int
+        Which coordinate, and how many parts it returns.
     """
 
     kernel: Callable[..., Any]
@@ -75,6 +83,9 @@ class Recipe(NamedTuple):
     spokes: tuple[int, ...]
     cones: int
     checks: tuple[str, ...] = ()
+    line: Callable[..., Any] | None = None
+    line_axis: int = 0
+    line_parts: int = 0
 
     @property
     def facts(self) -> int:
@@ -84,7 +95,7 @@ class Recipe(NamedTuple):
     @property
     def scratch_rows(self) -> int:
         """Rows of BLOCK numbers that a sweep needs for itself."""
-        return self.pose_size + 2 + self.order**2
+        return self.pose_size + 3 + self.order**2
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -93,7 +104,7 @@ class Recipe(NamedTuple):
         return (
             Entry("sweep", (
                 *_SEQUENCE, "int64", "int64", _TABLE, _TABLE, _TABLE, "float64", "float64[:]",
-                "float64[:,:,:]", "int64[:,:,:]", "int64[:,:,:]", scratch,
+                "float64[:,:,:]", "float64[:,:,:]", "float64[:,:,:]", scratch,
             )),
             Entry("field", (_TABLE, "float64[:]", "float64[:]", "float64[:]", scratch)),
             Entry("points", (
@@ -140,9 +151,13 @@ def module_text(recipe: Recipe) -> str:
     blocks: dict[str, str] = {}
     blocks["ORDER"] = f"ORDER = {order}"
     blocks["AXES"] = f"AXES = {recipe.pose_size}"
+    blocks["LINES"] = f"LINES = {int(recipe.line is not None)}"
+    blocks["LINE_AXIS"] = f"LINE_AXIS = {recipe.line_axis}"
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
     _collect(kernel, blocks)
     _collect(recipe.skeleton, blocks)
+    if recipe.line is not None:
+        _collect(recipe.line, blocks)
     own_length = sum(map(len, blocks.values()))
     _collect(conditioning, blocks)
     if order == 3:
@@ -177,6 +192,8 @@ def module_text(recipe: Recipe) -> str:
         body = "".join(f"        work[{e}, i] = {text}\n" for e, text in enumerate(entries))
         body += f"    {conditioning.__name__}(work, count, lci)\n"
     blocks["index_block"] = f"{_INLINE}\n{head}        result = {call}\n{body}"
+    blocks["place_on_line"] = f"{_INLINE}\ndef place_on_line(pose, i, low, width, constants):\n"
+    blocks["place_on_line"] += _place(recipe, f"({pose}, low, low + width, {own})")
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
     blocks["facts_of"] = (
         f"{_INLINE}\ndef facts_of(pose, i, constants):\n    result = {call}\n"
@@ -189,6 +206,33 @@ def module_text(recipe: Recipe) -> str:
     if own_length > _SMALL or recipe.checks:
         text = text.replace(_INLINE, _FORCE)
     return f"import math\n\nimport numpy as np\nfrom numba import njit\n\n\n{text}"
+
+
+def _place(recipe: Recipe, arguments: str) -> str:
+    """Return the lines that place a point at the share of the parts that it had of the line."""
+    axis = f"pose[{recipe.line_axis}, i]"
+    if recipe.line is None:
+        return f"    return {axis}, 1.0\n"
+    parts = range(recipe.line_parts)
+    lines = [f"parts = {recipe.line.__name__}{arguments}"]
+    for k in parts:
+        lines += [
+            f"length{k} = parts[{2 * k + 1}] - parts[{2 * k}]",
+            f"length{k} = length{k} if length{k} > 0.0 else 0.0",
+        ]
+    lines += [
+        f"total = {' + '.join(f'length{k}' for k in parts)}",
+        "share = total / width",
+        f"along = ({axis} - low) * share",
+        "place = parts[0] + along",
+    ]
+    for k in parts[1:]:
+        lines += [
+            f"along = along - length{k - 1}",
+            f"place = parts[{2 * k}] + along if along >= 0.0 else place",
+        ]
+    lines.append(f"return (place if total > 0.0 else {axis}), share")
+    return "".join(f"    {line}\n" for line in lines)
 
 
 def _checks(recipe: Recipe, pose: str) -> str:

@@ -191,6 +191,12 @@ class FieldSweeper(Sweeper):
             lci[part[regular]] = index
         return lci
 
+    def outline(
+        self, design: Design, points: sequences.Sequence, first: int, last: int
+    ) -> NDArray[np.float64]:
+        """Return the ends of links on the floor; see :meth:`Sweeper.outline`."""
+        return self.shadow(design, self.points(design, points, first, last))
+
     def tally(
         self,
         designs: Sequence[Design],

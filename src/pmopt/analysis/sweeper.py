@@ -15,7 +15,8 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import Coordinate, JacobianKind, Mechanism, Parameters, Ranges, Vector
 from pmopt.numerics import sequences, sweep
-from pmopt.numerics.specialise import PLACE, Recipe, specialise
+from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.specialise import ENTRIES, PLACE, Recipe, specialise
 from pmopt.seeds import seed_sequence
 from pmopt.threads import default_threads, ordered_map
 
@@ -29,6 +30,8 @@ Notify = Callable[[str], None]
 #: Where the tool point is in the base frame; limits can be set on it where there is a tool.
 TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
 #: The characteristic length that is best is sought on this many points, within this factor.
+_STRIPS = 4096
+_FEW = 4096
 _LENGTH_POINTS = 1 << 13
 _LENGTH_FACTOR = 30.0
 
@@ -271,6 +274,13 @@ class Sweeper:
                                 options={"xatol": 1e-6})  # fmt: skip
         return math.exp(float(found.x))
 
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """The compiled texts of this sweeper and the entries it may call."""
+        found: dict[Compiled, tuple[str, ...]] = {self._sweep: ("sweep",)}
+        found[self._kernels] = (*found.get(self._kernels, ()), *ENTRIES[1:])
+        return found
+
     def for_purpose(self, purpose: str) -> Sweeper:
         """Return a sweeper with the same settings and independent sample points."""
         other = copy.copy(self)
@@ -415,6 +425,38 @@ class Sweeper:
             *points, first, last, design.lower, design.width, poses, self._scratch()
         )
         return poses
+
+    def outline(
+        self, design: Design, points: sequences.Sequence, first: int, last: int
+    ) -> NDArray[np.float64]:
+        """Return points on the floor whose convex hull is that of all links at sample poses.
+
+        Of the points ``first .. last - 1`` of the first replicate those that are reachable, shape
+        (K, 2); the least and the greatest in each of many strips bound the hull.
+        """
+        floor = [k for k in range(3) if k != self.mechanism.vertical]
+        some = self.shadow(design, self.points(design, points, first, min(last, first + _FEW)))
+        if len(some) == 0:
+            return self.shadow(design, self.points(design, points, first, last))
+        # A few poses tell about how far the strips must reach.
+        reach = max(1.2 * float(np.ptp(some[:, 0])), 1e-300)
+        edge = float(some[:, 0].min()) - reach / 12
+        lowest = np.full((_STRIPS + 1, 2), np.inf)
+        highest = np.full((_STRIPS + 1, 2), -np.inf)
+        self._kernels.outline(
+            *points, first, last, np.array(design.constants), design.lower, design.width,
+            self.settings.min_lci, *floor, edge, reach / _STRIPS,
+            lowest, highest, self._scratch(),
+        )  # fmt: skip
+        found = np.concatenate([lowest, highest])
+        return np.asarray(found[np.isfinite(found).all(axis=1)])
+
+    def shadow(self, design: Design, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ends of links on the floor, (K, 2), at those of given poses in reach."""
+        floor = [k for k in range(3) if k != self.mechanism.vertical]
+        margin, lci = self.field(design, poses)
+        kept = (margin >= 0) & (lci >= self.settings.min_lci)
+        return np.asarray(self.probe(design, poses[:, kept]).segments.reshape(-1, 3)[:, floor])
 
     def _scratch(self) -> NDArray[np.float64]:
         """Return block buffers for one call of an entry."""

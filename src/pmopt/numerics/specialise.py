@@ -7,8 +7,8 @@ helpers and the functions of :mod:`pmopt.numerics.sweep`, copied from their sour
 
 from __future__ import annotations
 
-import ast
 import inspect
+import linecache
 import math
 import textwrap
 from collections.abc import Callable
@@ -41,7 +41,8 @@ _SMALL = 5000
 _PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (
     "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
-    "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
+    "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
+    "PLACE", "ENDS",
 )  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
@@ -53,7 +54,7 @@ _DOUBTFUL = (
     "    if doubtful > 0:\n"
     "        for i in range(count):\n"
 )
-_ENTRIES = ("sweep", "field", "points", "probe")
+ENTRIES = ("sweep", "field", "points", "probe", "outline")
 
 
 class Recipe(NamedTuple):
@@ -122,6 +123,10 @@ class Recipe(NamedTuple):
                 *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", _TABLE, scratch,
             )),
             Entry("probe", (_TABLE, "float64[:]", _TABLE)),
+            Entry("outline", (
+                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]", "float64",
+                "int64", "int64", "float64", "float64", _TABLE, _TABLE, scratch,
+            )),
         )  # fmt: skip
 
 
@@ -130,7 +135,7 @@ _loaded: dict[Recipe, Compiled] = {}
 
 def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
     """Add the source of ``function`` and of all it refers to, dependencies first."""
-    for name in sorted(_names(function)):
+    for name in sorted(function.__code__.co_names):
         if name not in function.__globals__ or name in _STUBS:
             continue
         value = function.__globals__[name]
@@ -142,16 +147,24 @@ def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
                 raise TypeError(f"two kernel constants are named {name}")
         elif value is not math and value is not np:
             raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
-    source = textwrap.dedent(inspect.getsource(function))
+    source = _source(function)
     # Entries are compiled into the one function that calls them, where rows lie at known places.
-    text = f"{_FORCE if function.__name__ in _ENTRIES else _INLINE}\n{source}"
+    text = f"{_FORCE if function.__name__ in ENTRIES else _INLINE}\n{source}"
     if blocks.setdefault(function.__name__, text) != text:
         raise TypeError(f"two kernel functions are named {function.__name__}")
 
 
-def _names(function: Callable[..., Any]) -> set[str]:
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+def _source(function: Callable[..., Any]) -> str:
+    """Return the text of a function; ``inspect`` takes ten times as long where no doubt is."""
+    lines = linecache.getlines(function.__code__.co_filename)
+    first = function.__code__.co_firstlineno - 1
+    last = first + 1
+    while last < len(lines) and (not lines[last].strip() or lines[last][0] in " )"):
+        last += 1
+    text = "".join(lines[first:last])
+    if text.startswith("def ") and text.count('"""') in (0, 2):
+        return text.rstrip() + "\n"
+    return textwrap.dedent(inspect.getsource(function))
 
 
 def module_text(recipe: Recipe) -> str:
@@ -164,6 +177,8 @@ def module_text(recipe: Recipe) -> str:
     blocks["AXES"] = f"AXES = {recipe.pose_size}"
     blocks["LINES"] = f"LINES = {int(recipe.line is not None)}"
     blocks["LINE_AXIS"] = f"LINE_AXIS = {recipe.line_axis}"
+    blocks["PLACE"] = f"PLACE = {PLACE}"
+    blocks["ENDS"] = f"ENDS = {2 * len(recipe.segments)}"
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
     _collect(kernel, blocks)
     _collect(recipe.skeleton, blocks)
@@ -222,10 +237,11 @@ def module_text(recipe: Recipe) -> str:
     define("place_on_line", "pose, i, low, width, constants",
            _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
+    define("skeleton_of", point, f"    return {skeleton}\n")
     facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
     define("facts_of", point, evaluated + margin + facts)
     blocks["unpack"] = f"{_INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
-    for entry in _ENTRIES:
+    for entry in ENTRIES:
         _collect(getattr(sweep, entry), blocks)
     text = "\n\n".join(blocks.values())
     if own_length > _SMALL or recipe.checks:

@@ -74,6 +74,16 @@ HEAVY = 0
 FACTS = 0
 
 
+def skeleton_of(pose, i, constants):
+    """Stub: the skeleton of pose ``i`` of a block, as a tuple."""
+    raise NotImplementedError
+
+
+#: Stub: where the ends of segments begin in it, and how many there are.
+PLACE = 0
+ENDS = 0
+
+
 def unpack(constants):
     """Stub: a row of constants as a tuple, so that the compiler keeps them in registers."""
     raise NotImplementedError
@@ -348,6 +358,64 @@ def points(kind, step, start, high, low, cells, first, last, lower, width, poses
         for d in range(AXES):
             for i in range(count):
                 poses[d, block - first + i] = pose[d, i]
+
+
+def outline(
+    kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci,
+    axis_u, axis_v, edge, size, lowest, highest, scratch,
+):  # fmt: skip
+    """Keep the ends of segments of reachable poses that bound their shadow on a plane.
+
+    Of the points of the first replicate. In each of B equal strips along u the two points with the
+    least and the greatest v are kept, and of all the two with the least and the greatest u (in the
+    last row). The first and the last strip take what lies beyond them.
+
+    Parameters
+    ----------
+    axis_u, axis_v : int
+        Coordinates of the base frame that span the plane.
+    edge, size : float
+        Where the strips begin and how wide each is.
+    lowest, highest : (B + 1, 2) float64
+        The points (u, v) kept; unused ones hold infinities, as they are given.
+    """
+    k = unpack(constants)
+    pose = scratch[:AXES]
+    margin = scratch[AXES]
+    lci = scratch[AXES + 1]
+    work = scratch[AXES + 3 :]
+    strips = lowest.shape[0] - 1
+    for block in range(first, last, BLOCK):
+        count = min(BLOCK, last - block)
+        fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
+        if HEAVY:
+            evaluate_block(pose, count, k, work, margin)
+            index_all(count, work, margin, lci)
+        else:
+            for i in range(count):
+                margin[i] = margin_of(pose, i, k)
+            if min_lci > 0.0:
+                index_block(pose, count, k, work, lci)
+        for i in range(count):
+            if margin[i] < 0.0 or (min_lci > 0.0 and lci[i] < min_lci):
+                continue
+            found = skeleton_of(pose, i, k)
+            for e in range(ENDS):
+                u = found[PLACE + 3 * e + axis_u]
+                v = found[PLACE + 3 * e + axis_v]
+                strip = int(min(max((u - edge) / size, 0.0), strips - 1.0))
+                if v < lowest[strip, 1]:
+                    lowest[strip, 0] = u
+                    lowest[strip, 1] = v
+                if v > highest[strip, 1]:
+                    highest[strip, 0] = u
+                    highest[strip, 1] = v
+                if u < lowest[strips, 0]:
+                    lowest[strips, 0] = u
+                    lowest[strips, 1] = v
+                if u > highest[strips, 0]:
+                    highest[strips, 0] = u
+                    highest[strips, 1] = v
 
 
 def probe(poses, constants, facts):

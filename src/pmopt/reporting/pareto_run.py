@@ -102,7 +102,7 @@ def run_pareto(
     generations = []
     for generation in optimisation.generations(recorded):
         if checkpoint is not None and not generation.recorded:
-            checkpoint.save(generation.number, generation.evaluated)
+            checkpoint.save(generation.number, generation.record)
         generations.append(generation)
         if on_generation:
             on_generation(generation)
@@ -264,6 +264,7 @@ def history_table(problem: DesignProblem, generations: list[Generation]) -> pd.D
                 "feasible": g.feasible,
                 "hypervolume": g.hypervolume,
                 **{f"{k}_best": v for k, v in zip(problem.objectives, g.best, strict=True)},
+                **({"samples": g.samples, "spent": g.spent} if problem.config.adaptive else {}),
             }
             for g in generations
         ]
@@ -284,7 +285,9 @@ def evaluations_table(
         *problem.constraints,
     ]
     table = pd.DataFrame(evaluated.table(), columns=columns)
-    counts = [len(g.evaluated) for g in generations]
+    counts = [len(g.record.evaluated) for g in generations]
     table.insert(0, "generation", np.repeat([g.number for g in generations], counts))
+    if problem.config.adaptive:
+        table.insert(1, "samples", np.repeat([g.samples or 0 for g in generations], counts))
     table["feasible"] = evaluated.feasible.astype(int)
     return table

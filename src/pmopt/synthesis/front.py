@@ -180,7 +180,7 @@ def idle_directions(
     problem : DesignProblem
     front : (N, v) float64
     """
-    if problem.config.workspace.samples is None:
+    if problem.samples is None:
         return ()  # points differ from design to design
     count = len(problem.variables)
     rng = np.random.Generator(np.random.PCG64(seed_sequence(problem.sweeper.seed, "idle")))

@@ -24,6 +24,10 @@ from pmopt.units import ONE, measure_unit
 REACHABLE = "reachable"
 #: Most samples of a design when the front is measured: about a second.
 FINAL_SAMPLES = 1 << 26
+#: Samples of a design in the first generations of an adaptive search, and where positions are
+#: counted on voxels.
+FIRST_SAMPLES = 1 << 10
+FIRST_PROJECTED = 1 << 12
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
@@ -63,6 +67,12 @@ class Evaluations:
     def table(self) -> NDArray[np.float64]:
         """Return all columns side by side."""
         return np.hstack([self.variables, self.values, self.errors, self.slack])
+
+    def take(self, rows: NDArray[np.int64]) -> Evaluations:
+        """Return some of the designs."""
+        return Evaluations(
+            self.variables[rows], self.values[rows], self.errors[rows], self.slack[rows]
+        )
 
     @classmethod
     def join(cls, parts: Sequence[Evaluations]) -> Evaluations:
@@ -116,11 +126,16 @@ class DesignProblem:
         self.constraints = [REACHABLE, *self.bounds]
         if config.workspace.min_lci > 0:
             self.constraints.insert(1, MIN_LCI)
-        if config.workspace.samples is not None:
-            replicates, self._points = split_samples(
-                config.workspace.samples, config.workspace.replicates
-            )
-            self._sequence = self.sweeper.sequence(replicates)
+        #: Samples of a design: of each in the search, where it does not choose them itself.
+        #: None on grids and to a target error.
+        self.samples = SEARCH_SAMPLES if config.adaptive else config.workspace.samples
+
+    @property
+    def first_samples(self) -> int | None:
+        """Samples of each design in the first generation."""
+        if not self.config.adaptive:
+            return self.samples
+        return FIRST_PROJECTED if self._projects else FIRST_SAMPLES
 
     @property
     def units(self) -> dict[str, str]:
@@ -151,11 +166,22 @@ class DesignProblem:
         """Return a design ready to be swept."""
         return self.sweeper.design(self.parameters(row))
 
-    def evaluate(self, variables: NDArray[np.float64]) -> Evaluations:
-        """Evaluate a whole population, shape (N, v)."""
+    def evaluate(self, variables: NDArray[np.float64], samples: int | None = None) -> Evaluations:
+        """Evaluate a whole population.
+
+        Parameters
+        ----------
+        variables : (N, v) float64
+        samples : int, optional
+            Of each design (default: :attr:`samples`). The points of fewer samples are among
+            those of more, the first ones of each replicate.
+        """
         designs = [self.design(row) for row in variables]
-        if self.config.workspace.samples is not None:
-            tallies = self.sweeper.tally_population(designs, self._sequence, self._points)
+        samples = samples or self.samples
+        if samples is not None:
+            replicates, points = split_samples(samples, self.config.workspace.replicates)
+            sequence = self.sweeper.sequence(replicates)
+            tallies = self.sweeper.tally_population(designs, sequence, points)
             found = of_population(tallies)
             slack = self._existence(tallies)
         else:
@@ -165,7 +191,7 @@ class DesignProblem:
             "gci": (found.gci, found.gci_error),
         }
         if self._projects:
-            for name, pairs in self._projected(designs).items():
+            for name, pairs in self._projected(designs, samples or SEARCH_SAMPLES).items():
                 by_name[name] = (pairs[:, 0], pairs[:, 1])
         # A quantity that does not exist breaks its bounds, and an objective the existence of a
         # workspace: too few poses are reachable to tell their positions.
@@ -198,11 +224,10 @@ class DesignProblem:
         columns = [np.concatenate(parts) for parts in zip(*slack, strict=True)]
         return PopulationEstimates(volume, volume_error, gci, gci_error), columns
 
-    def _projected(self, designs: list[Design]) -> dict[str, NDArray[np.float64]]:
+    def _projected(self, designs: list[Design], samples: int) -> dict[str, NDArray[np.float64]]:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
         alone = copy.copy(self.sweeper)
         alone.threads = 1
-        samples = self.config.workspace.samples or SEARCH_SAMPLES
         found = list(
             ordered_map(
                 lambda design: measure_projection(alone, design, samples),

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 OnGeneration = Callable[[Generation], None]
 OnMeasured = Callable[[int, int], None]
+#: Designs measured finely for a plan.
+_PROBED = 4
 
 
 @dataclass(frozen=True)
@@ -146,8 +148,8 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
     # The first generation compiles, loads and imports; a search may end with it.
     each = (times[-1] - times[0]) / max(len(times) - 1, 1) / population
     began = time.perf_counter()
-    optimisation.problem.measure(optimisation.evaluated.variables[0])
-    final = (time.perf_counter() - began) * settings.population
+    list(optimisation.problem.measure(optimisation.evaluated.variables[:_PROBED]))
+    final = (time.perf_counter() - began) / _PROBED * settings.population
     designs = settings.population * settings.generations
     what = (
         f"pareto {config.mechanism}: {settings.name}, population {settings.population}, "

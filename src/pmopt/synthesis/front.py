@@ -123,8 +123,8 @@ def measure_front(
     import moocore
 
     measured = []
-    for count, row in enumerate(variables, start=1):
-        measured.append((row, problem.measure(row)))
+    for count, found in enumerate(problem.measure(variables), start=1):
+        measured.append((variables[count - 1], found))
         if progress:
             progress(count, len(variables))
     rows = []

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from pmopt.analysis.settings import split_samples
 from pmopt.analysis.sweeper import Design, Notify, Tallies
 from pmopt.analysis.workspace import measure_on_grids, measure_to_target
 from pmopt.mechanisms import find
+from pmopt.numerics.sequences import Sequence as Points
 from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
 from pmopt.threads import ordered_map
 from pmopt.units import ONE, measure_unit
@@ -28,6 +30,8 @@ FINAL_SAMPLES = 1 << 26
 #: counted on voxels.
 FIRST_SAMPLES = 1 << 10
 FIRST_PROJECTED = 1 << 12
+#: Parts of a population, for each thread.
+_SLICES = 4
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
@@ -106,7 +110,10 @@ class DesignProblem:
         self.sweeper = make_sweeper(
             self.mechanism, config.workspace, config.algorithm.seed, threads, notify
         )
-        self._final = self.sweeper.for_purpose("front samples")
+        self._alone = copy.copy(self.sweeper)  # for work that is itself shared over threads
+        self._alone.threads = 1
+        self._sequences: dict[int, Points] = {}
+        self._final = self._alone.for_purpose("front samples")
         ranges = {k: v for k, v in config.parameters.items() if isinstance(v, tuple)}
         self.variables = list(ranges)
         self.lower = np.array([low for low, _ in ranges.values()])
@@ -176,15 +183,14 @@ class DesignProblem:
             Of each design (default: :attr:`samples`). The points of fewer samples are among
             those of more, the first ones of each replicate.
         """
-        designs = [self.design(row) for row in variables]
         samples = samples or self.samples
+        designs: list[Design] = []
         if samples is not None:
-            replicates, points = split_samples(samples, self.config.workspace.replicates)
-            sequence = self.sweeper.sequence(replicates)
-            tallies = self.sweeper.tally_population(designs, sequence, points)
+            tallies = self._tally(variables, samples, designs)
             found = of_population(tallies)
             slack = self._existence(tallies)
         else:
+            designs += map(self.design, variables)
             found, slack = self._one_by_one(designs)
         by_name = {
             "volume": (found.volume, found.volume_error),
@@ -204,6 +210,32 @@ class DesignProblem:
         )
         slack[0] = np.where(np.isnan(values).any(axis=1), np.minimum(slack[0], -1e-9), slack[0])
         return Evaluations(variables, values, errors, np.stack([*slack, *bounds], axis=1))
+
+    def _tally(
+        self, variables: NDArray[np.float64], samples: int, designs: list[Design]
+    ) -> Tallies:
+        """Sweep a population slice by slice and append its designs.
+
+        A slice is made ready, in Python, while earlier ones are swept.
+        """
+        replicates, points = split_samples(samples, self.config.workspace.replicates)
+        if replicates not in self._sequences:
+            self._sequences[replicates] = self.sweeper.sequence(replicates)
+        sequence = self._sequences[replicates]
+        slices = min(len(variables), _SLICES * self.sweeper.threads)
+
+        def ready() -> Iterator[list[Design]]:
+            for rows in np.array_split(variables, slices):
+                part = [self.design(row) for row in rows]
+                designs.extend(part)
+                yield part
+
+        parts = ordered_map(
+            lambda part: self._alone.tally_population(part, sequence, points),
+            ready(),
+            self.sweeper.threads,
+        )
+        return _joined(list(parts))
 
     def _one_by_one(
         self, designs: list[Design]
@@ -226,11 +258,9 @@ class DesignProblem:
 
     def _projected(self, designs: list[Design], samples: int) -> dict[str, NDArray[np.float64]]:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
-        alone = copy.copy(self.sweeper)
-        alone.threads = 1
         found = list(
             ordered_map(
-                lambda design: measure_projection(alone, design, samples),
+                lambda design: measure_projection(self._alone, design, samples),
                 designs,
                 self.sweeper.threads,
             )
@@ -257,18 +287,25 @@ class DesignProblem:
             slack.append(np.where(enough, 0.0, np.minimum(largest - least, -1e-300)))
         return slack
 
-    def measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
-        """Measure one design to the final target error, with a bounded number of samples.
+    def measure(
+        self, variables: NDArray[np.float64]
+    ) -> Iterator[tuple[Estimates, dict[str, Estimate]]]:
+        """Measure designs (N, v) to the final target error, with a bounded number of samples.
+
+        Each on one thread: most need few samples, that do not fill more.
 
         The sample points are not those of the search, which has chosen the designs they flatter.
         A workspace that fills little of its box may end with a larger error, which it states.
 
-        Returns
-        -------
+        Yields
+        ------
         estimates : Estimates
         by_name : dict
             What objectives and constraints may be, by name.
         """
+        return ordered_map(self._measure, variables, self.sweeper.threads)
+
+    def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
         target = self.config.final.target_error
         design = self.design(row)
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
@@ -277,3 +314,10 @@ class DesignProblem:
             space: Projection = measure_projection(self._final, design, FINAL_PROJECTION)
             by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
         return found, by_name
+
+
+def _joined(parts: list[Tallies]) -> Tallies:
+    """Return the tallies of all parts' designs."""
+    names = list(Tallies.__dataclass_fields__)[1:]
+    arrays: list[Any] = [np.concatenate([getattr(t, name) for t in parts]) for name in names]
+    return Tallies(parts[0].points, *arrays)

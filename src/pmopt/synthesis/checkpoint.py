@@ -1,7 +1,7 @@
 """What a run has evaluated, on disk after every generation: plain numbers, checked on loading.
 
 Telling NSGA-II the recorded results again restores a run exactly (:mod:`pmopt.synthesis.optimise`),
-so that the evaluations are the whole checkpoint: those of each generation, and of the survivors
+so that the evaluations are the whole checkpoint: those of each generation, and of the designs
 measured again after it where there were any. Each generation is one file, written whole: a line of
 JSON, then its table as little-endian doubles.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,8 @@ class Checkpoint:
             json.dumps([SCHEMA, version, config], sort_keys=True).encode()
         ).hexdigest()
         self.resumes: list[int] = []
+        self._writer = ThreadPoolExecutor(1)
+        self._writing: Future[None] | None = None
 
     @staticmethod
     def exists(folder: Path) -> bool:
@@ -109,7 +112,7 @@ class Checkpoint:
         return recorded
 
     def save(self, number: int, record: Record) -> None:
-        """Record one generation."""
+        """Record one generation, while the next one is computed: a disk takes its time."""
         parts = [record.evaluated] if record.again is None else [record.evaluated, record.again]
         table = np.ascontiguousarray(Evaluations.join(parts).table(), dtype="<f8")
         raw = table.tobytes()
@@ -120,7 +123,14 @@ class Checkpoint:
             "designs": len(record.evaluated),
             "sha256": hashlib.sha256(raw).hexdigest(),
         }
-        write_atomic(self._path(number), json.dumps(header).encode() + b"\n" + raw)
+        data = json.dumps(header).encode() + b"\n" + raw
+        self.flush()
+        self._writing = self._writer.submit(write_atomic, self._path(number), data)
+
+    def flush(self) -> None:
+        """Wait for what is being written."""
+        if self._writing is not None:
+            self._writing.result()
 
     def _read(self, path: Path, number: int) -> Record | None:
         """Return one generation, None where the file is torn or another run's."""

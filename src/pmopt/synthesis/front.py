@@ -123,8 +123,8 @@ def measure_front(
     import moocore
 
     measured = []
-    for count, found in enumerate(problem.measure(variables), start=1):
-        measured.append((variables[count - 1], found))
+    for count, finely in enumerate(problem.measure(variables), start=1):
+        measured.append((variables[count - 1], finely))
         if progress:
             progress(count, len(variables))
     rows = []

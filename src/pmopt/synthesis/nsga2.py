@@ -82,15 +82,15 @@ class Nsga2:
             excess = np.concatenate([self.excess, excess])
         return self._select(variables, objectives, excess, self.settings.population)
 
-    def replace(self, objectives: Array, excess: Array) -> NDArray[np.int64]:
-        """Give the population newly measured objectives and constraints.
+    def replace(self, variables: Array, objectives: Array, excess: Array) -> NDArray[np.int64]:
+        """Select the population anew from designs that were measured again.
 
         Returns
         -------
         rows : (N,) int64
-            The new order of the population.
+            The survivors among the designs.
         """
-        return self._select(self.variables, objectives, excess, len(self.variables))
+        return self._select(variables, objectives, excess, self.settings.population)
 
     def _select(
         self, variables: Array, objectives: Array, excess: Array, count: int
@@ -136,8 +136,8 @@ class Nsga2:
 
         random, settings = self._random, self.settings
         matings = math.ceil(count / 2)
-        parents = self.variables[self._winners(2 * matings)].reshape(matings, 2, -1)
-        parents = np.ascontiguousarray(parents.swapaxes(0, 1))
+        pairs = self._winners(2 * matings).reshape(matings, 2)
+        parents = self.variables[pairs.T]  # (2, matings, v)
         children = parents.copy()
         crosses = random.random(matings) < settings.crossover_probability
         if crosses.any():
@@ -148,7 +148,7 @@ class Nsga2:
                 np.full_like(full, _CROSSED), np.full_like(full, _EXCHANGED), random_state=random,
             )  # fmt: skip
             children[:, crosses] = crossed[:, crosses]
-        children = children.reshape(2 * matings, -1)
+        children = children.reshape(-1, len(self.lower))
         size = len(children)
         mutated = mut_pm(
             children, self.lower, self.upper, np.full(size, settings.mutation_eta),

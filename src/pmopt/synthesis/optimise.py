@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import heapq
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -14,14 +16,20 @@ from pmopt.synthesis.nsga2 import Nsga2
 from pmopt.synthesis.problem import MIN_LCI, REACHABLE, DesignProblem, Evaluations
 from pmopt.units import ONE
 
-
-#: An adaptive search doubles the samples when the best hypervolume has grown, over a quarter of
-#: all generations and at least some, by less than this share of the designs' standard error. On
-#: common points neighbours on a front are told apart about fifteen times more finely than either
-#: is measured.
-_WINDOW = 4
+#: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
+#: generations and at least some, by less than this share of the designs' standard error: on common
+#: points neighbours on a front are told apart about ten times more finely than either is measured.
+#: It stops doubling at this relative standard error.
+_WINDOW = 3
 _LEAST_WINDOW = 5
-_TOLD_APART = 1 / 15
+_TOLD_APART = 0.1
+_FINEST = 2e-3
+#: Then designs are measured again, too, that were beaten by less than this many standard errors:
+#: at most so many times the population.
+_HOPE = 0.5
+_CONTENDERS = 4
+#: Pairs of designs compared at once.
+_PAIRS = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -33,7 +41,7 @@ class Record:
     evaluated : Evaluations
         The generation's designs.
     again : Evaluations or None
-        The survivors on twice the samples, where the search went on with these.
+        Contenders on twice the samples, where the search went on with these.
     """
 
     evaluated: Evaluations
@@ -103,6 +111,44 @@ def hypervolume(
     return float(moocore.hypervolume(better, ref=[0.0] * values.shape[1], maximise=True))
 
 
+def spread(better: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return the rows of a front of two objectives that keep most of its hypervolume.
+
+    The design with the smallest share of its own leaves, again and again; the ends stay.
+
+    Parameters
+    ----------
+    better : (N, 2) float64
+        Maximised; none dominates another.
+    count : int
+        Most rows.
+    """
+    order = np.argsort(better[:, 0], kind="stable")
+    x, y = better[order].T
+    last = len(order) - 1
+    before, after = list(range(-1, last)), list(range(1, last + 2))
+
+    def share(i: int) -> float:
+        if i in (0, last):
+            return math.inf
+        return float((x[i] - x[before[i]]) * (y[i] - y[after[i]]))
+
+    shares = [share(i) for i in range(last + 1)]
+    heap = [(value, i) for i, value in enumerate(shares)]
+    heapq.heapify(heap)
+    gone: set[int] = set()
+    while last + 1 - len(gone) > max(count, 2):
+        value, i = heapq.heappop(heap)
+        if i in gone or value != shares[i]:
+            continue  # it has had more of its own since
+        gone.add(i)
+        after[before[i]], before[after[i]] = after[i], before[i]
+        for k in (before[i], after[i]):
+            shares[k] = share(k)
+            heapq.heappush(heap, (shares[k], k))
+    return np.asarray(np.delete(order, sorted(gone)))
+
+
 #: Stands for an objective of a design without a workspace, which the constraints keep behind.
 _NONE = 0.0
 
@@ -115,7 +161,7 @@ class Optimisation:
 
     In an adaptive search all designs that are compared have the same number of samples: few
     while designs are far apart, twice as many, for the survivors too, when the front no longer
-    gains what their errors let it tell apart.
+    gains what errors let it tell apart. Runs of any length begin alike.
 
     Parameters
     ----------
@@ -182,7 +228,7 @@ class Optimisation:
                     )
                 return told
 
-            evaluated = measured(variables, samples, told and told.evaluated)
+            evaluated = measured(variables, samples, told.evaluated if told else None)
             self._refer(evaluated)
             merged = evaluated
             if self._population is not None:
@@ -199,9 +245,9 @@ class Optimisation:
             again, had = None, samples
             if samples is not None and self._stalled(number, gains, front):
                 samples *= 2
-                again = measured(algorithm.variables, samples, told and told.again)
+                again = measured(self._contenders(), samples, told.again if told else None)
                 self._population = again.take(
-                    algorithm.replace(self._minimised(again), -again.slack)
+                    algorithm.replace(again.variables, self._minimised(again), -again.slack)
                 )
                 self._compared = [again]
                 front = self.front
@@ -216,10 +262,7 @@ class Optimisation:
             )  # fmt: skip
 
     def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
-        """Return whether an adaptive search is to go on with twice the samples.
-
-        It stays below the error to which the front will be measured.
-        """
+        """Return whether an adaptive search is to go on with twice the samples."""
         window = max(_LEAST_WINDOW, number // _WINDOW)
         if not self.problem.config.adaptive or len(gains) <= window or gains[-1] <= 0:
             return False
@@ -227,7 +270,30 @@ class Optimisation:
             relative = np.abs(front.errors / front.values)
         error = float(np.median(np.sqrt(np.nansum(relative**2, axis=1))))
         gain = 1 - gains[-1 - window] / gains[-1]
-        return error > self.problem.config.final.target_error and gain < _TOLD_APART * error
+        return error > _FINEST and gain < _TOLD_APART * error
+
+    def _contenders(self) -> NDArray[np.float64]:
+        """Return the population and what errors may have kept from it, shape (N, v).
+
+        The largest volume and the largest GCI are those that the points flatter most: designs
+        near them wait just behind. Where there are many, they are taken in even steps of the
+        first objective.
+        """
+        population, compared = self._population, Evaluations.join(self._compared)
+        assert population is not None
+        known = set(map(bytes, population.variables))
+        rows = [i for i in np.flatnonzero(compared.feasible).tolist()
+                if bytes(compared.variables[i]) not in known]  # fmt: skip
+        hopes = compared.values[rows] * self.problem.senses
+        hopes += _HOPE * np.nan_to_num(compared.errors[rows])
+        front = self.front.values * self.problem.senses
+        parts = np.array_split(hopes, 1 + hopes.shape[0] * len(front) // _PAIRS)
+        beaten = [(front > part[:, None]).all(axis=2).any(axis=1) for part in parts]
+        others = compared.take(np.array(rows, dtype=int)[~np.concatenate(beaten)])
+        order = np.argsort(others.values[:, 0], kind="stable")
+        count = min(_CONTENDERS * len(population), len(order))
+        chosen = order[np.linspace(0, len(order) - 1, count).astype(int)]
+        return np.concatenate([population.variables, others.variables[chosen]])
 
     def _minimised(self, evaluated: Evaluations) -> NDArray[np.float64]:
         """Return what NSGA-II minimises.
@@ -235,7 +301,7 @@ class Optimisation:
         Without a workspace there is no GCI; the constraint keeps such designs behind all feasible
         ones whatever stands here.
         """
-        return -np.nan_to_num(evaluated.values * self.problem.senses, nan=_NONE)
+        return np.asarray(-np.nan_to_num(evaluated.values * self.problem.senses, nan=_NONE))
 
     @property
     def front(self) -> Evaluations:
@@ -263,21 +329,34 @@ class Optimisation:
     def candidates(self) -> NDArray[np.float64]:
         """Variables of the designs to measure finely: the current front, and a safer one.
 
+        The front of an adaptive search is that of all its designs with the most samples, as many
+        as the population holds; samples are few there, designs many.
+
         Where a bound is active the front lies on it, and sampling errors alone put half of its
         designs beyond. The non-dominated ones of all designs that keep every bound by two
         standard errors stand in for them.
         """
         problem, evaluated = self.problem, Evaluations.join(self._compared)
+        front = self.front_variables
+        if problem.config.adaptive and len(problem.objectives) == 2:
+            front = self._spread(self._best(evaluated, evaluated.feasible))
         if not problem.bounds:
-            return self.front_variables
+            return front
         safe = evaluated.feasible
         for key, (name, _, _) in problem.bounds.items():
             if name not in problem.objectives:
                 continue  # its error is not recorded
             slack = evaluated.slack[:, problem.constraints.index(key)]
             safe = safe & (slack >= 2 * evaluated.errors[:, problem.objectives.index(name)])
-        joined = np.concatenate([self.front_variables, self._best(evaluated, safe).variables])
+        safer = self._best(evaluated, safe)
+        joined = np.concatenate([front, safer.variables])
         return np.asarray(np.unique(joined, axis=0))
+
+    def _spread(self, front: Evaluations) -> NDArray[np.float64]:
+        """Return the variables of as many designs of a front as the population holds, sorted."""
+        count = self.problem.config.algorithm.population
+        found = front.take(spread(front.values * self.problem.senses, count)).variables
+        return np.asarray(found[np.lexsort(found.T[::-1])])
 
     @property
     def evaluated(self) -> Evaluations:

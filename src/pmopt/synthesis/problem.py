@@ -26,10 +26,9 @@ from pmopt.units import ONE, measure_unit
 REACHABLE = "reachable"
 #: Most samples of a design when the front is measured: about a second.
 FINAL_SAMPLES = 1 << 26
-#: Samples of a design in the first generations of an adaptive search, and where positions are
-#: counted on voxels.
-FIRST_SAMPLES = 1 << 10
-FIRST_PROJECTED = 1 << 12
+#: Samples of a design in the first generations of an adaptive search: fewer save little, as a
+#: design takes as long to make ready, and are too few for the measures in space.
+FIRST_SAMPLES = 1 << 12
 #: Parts of a population, for each thread.
 _SLICES = 4
 #: Samples behind the measures in space when the front is measured.
@@ -140,9 +139,7 @@ class DesignProblem:
     @property
     def first_samples(self) -> int | None:
         """Samples of each design in the first generation."""
-        if not self.config.adaptive:
-            return self.samples
-        return FIRST_PROJECTED if self._projects else FIRST_SAMPLES
+        return FIRST_SAMPLES if self.config.adaptive else self.samples
 
     @property
     def units(self) -> dict[str, str]:

@@ -18,11 +18,11 @@ from pmopt.units import ONE
 
 #: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
 #: generations and at least some, by less than this share of the designs' standard error: on common
-#: points neighbours on a front are told apart about ten times more finely than either is measured.
+#: points neighbours on a front are told apart about twenty times more finely than either is measured.
 #: It stops doubling at this relative standard error.
 _WINDOW = 3
 _LEAST_WINDOW = 5
-_TOLD_APART = 0.1
+_TOLD_APART = 0.05
 _FINEST = 2e-3
 #: Then designs are measured again, too, that were beaten by less than this many standard errors:
 #: at most so many times the population.

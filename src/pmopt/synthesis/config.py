@@ -80,8 +80,12 @@ class RunConfig(BaseModel):
     def _adaptive(cls, data: Any) -> Any:
         """Take ``samples = "adaptive"`` for the default it is, unless another size is given."""
         workspace = data.get("workspace") if isinstance(data, dict) else None
-        if not isinstance(workspace, dict) or workspace.get("samples") != ADAPTIVE:
+        if not isinstance(workspace, dict) or not isinstance(workspace.get("samples"), str):
             return data
+        if workspace["samples"] != ADAPTIVE:
+            raise ValueError(
+                f"workspace.samples={workspace['samples']!r} must be a number or {ADAPTIVE}"
+            )
         for other in ("grid", "target_error"):
             if workspace.get(other) is not None:
                 raise ValueError(f"workspace: samples and {other} exclude each other: give one")

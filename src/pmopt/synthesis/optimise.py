@@ -18,7 +18,7 @@ from pmopt.units import ONE
 
 #: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
 #: generations and at least some, by less than this share of the designs' standard error: on common
-#: points neighbours on a front are told apart about twenty times more finely than either is measured.
+#: points neighbours on a front are told apart some twenty times more finely than each is known.
 #: It stops doubling at this relative standard error.
 _WINDOW = 3
 _LEAST_WINDOW = 5
@@ -213,22 +213,7 @@ class Optimisation:
             if len(variables) == 0:
                 return  # every offspring repeats a known design
             told = next(known, None)
-
-            def measured(
-                variables: NDArray[np.float64], samples: int | None, told: Evaluations | None,
-                number: int = number,
-            ) -> Evaluations:  # fmt: skip
-                if told is None:
-                    return problem.evaluate(variables, samples)
-                if not np.array_equal(told.variables, variables):
-                    raise PmoptError(
-                        f"checkpoint: the designs of generation {number} are not those of this "
-                        "installation (another version of pymoo or NumPy?); start afresh with "
-                        "--force"
-                    )
-                return told
-
-            evaluated = measured(variables, samples, told.evaluated if told else None)
+            evaluated = self._measured(number, variables, samples, told.evaluated if told else None)
             self._refer(evaluated)
             merged = evaluated
             if self._population is not None:
@@ -245,7 +230,9 @@ class Optimisation:
             again, had = None, samples
             if samples is not None and self._stalled(number, gains, front):
                 samples *= 2
-                again = measured(self._contenders(), samples, told.again if told else None)
+                again = self._measured(
+                    number, self._contenders(), samples, told.again if told else None
+                )
                 self._population = again.take(
                     algorithm.replace(again.variables, self._minimised(again), -again.slack)
                 )
@@ -260,6 +247,20 @@ class Optimisation:
                 number, evaluations, feasible, len(front), volume, tuple(best.tolist()),
                 had, Record(evaluated, again), told is not None,
             )  # fmt: skip
+
+    def _measured(
+        self, number: int, variables: NDArray[np.float64], samples: int | None,
+        told: Evaluations | None,
+    ) -> Evaluations:  # fmt: skip
+        """Evaluate designs, or return what is recorded of them."""
+        if told is None:
+            return self.problem.evaluate(variables, samples)
+        if not np.array_equal(told.variables, variables):
+            raise PmoptError(
+                f"checkpoint: the designs of generation {number} are not those of this "
+                "installation (another version of pymoo or NumPy?); start afresh with --force"
+            )
+        return told
 
     def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
         """Return whether an adaptive search is to go on with twice the samples."""

@@ -75,9 +75,14 @@ INLINE double newton(double *u, struct tilt at, double ra, double rb) {
                                          (moment[0] * nx[1] - nx[0] * moment[1]) * f[2]));
     const double da = short_step(unit * (xy1 * f[0] + (ny[0] * nx[2] - nx[0] * ny[2]) * f[1] +
                                          (nx[0] * ny[1] - ny[0] * nx[1]) * f[2]));
+    /* One division for three: they are what a step waits for. */
+    double n2[3];
+    for (int k = 0; k < 3; k++) n2[k] = nx[k] * nx[k] + ny[k] * ny[k];
+    const double inverse = 1.0 / (n2[0] * n2[1] * n2[2] + TINY);
+    const double over[3] = {n2[1] * n2[2], n2[0] * n2[2], n2[0] * n2[1]};
     for (int k = 0; k < 3; k++) {
         const double mx = gx[k] + dx - ay[k] * da, my = gy[k] + dy + ax[k] * da;
-        const double along = (nx[k] * my - ny[k] * mx) / (nx[k] * nx[k] + ny[k] * ny[k] + TINY);
+        const double along = (nx[k] * my - ny[k] * mx) * (over[k] * inverse);
         turn(&u[COS1 + 2 * k], &u[SIN1 + 2 * k], short_step(along));
     }
     turn(&u[COS], &u[SIN], da);

@@ -20,7 +20,8 @@
 #define INLINE static inline __attribute__((always_inline))
 #define SIMD _Pragma("GCC ivdep")
 
-typedef double column[BLOCK];
+/* A vector longer than a block: columns of 4096 bytes would all compete for the same cache lines. */
+typedef double column[BLOCK + 8];
 
 INLINE double lesser(double a, double b) { return a < b ? a : b; }
 INLINE double greater(double a, double b) { return a > b ? a : b; }
@@ -49,6 +50,7 @@ static int pack(column *from, column *to, int at, int number, const double *marg
         __mmask8 chosen = _mm512_cmp_pd_mask(_mm512_load_pd(margin + i), zero, _CMP_GE_OQ);
         if (!wanted) chosen = ~chosen;
         if (i + 8 > count) chosen &= (1 << (count - i)) - 1;
+        if (!chosen) continue;
         const int some = __builtin_popcount(chosen);
         const __mmask8 front = (1 << some) - 1;
         for (int c = 0; c < number; c++)

@@ -224,7 +224,9 @@ def main(names: list[str], points: int | None, pairs: int) -> None:
     if shutil.which("gcc") is None:
         print("no gcc: nothing to compare with")
         return
-    print(f"agreement first: sums of LCI within {TOLERANCE:g}, the same counts; gcc {' '.join(FLAGS)}")
+    print(
+        f"agreement first: sums of LCI within {TOLERANCE:g}, the same counts; gcc {' '.join(FLAGS)}"
+    )
     print(
         f"{'':11s} {'points':>9s} {'within':>6s} {'C, ns (bits)':>14s} {'pmopt, ns':>9s}   "
         f"{'pmopt / C (quartiles)':22s} pmopt, 1 thread / 2 threads"

@@ -87,29 +87,32 @@ class Tallies:
         Points of each replicate.
     box : (...,) float
         Box volume of each design.
-    reachable, within, total, smallest, largest, margin : (..., R)
-        See the columns of :mod:`pmopt.numerics.sweep`.
-    above : (..., R, e) int64
+    reachable, within, hits, total, smallest, largest, margin : (..., R)
+        See the columns of :mod:`pmopt.numerics.sweep`. Points on lines count with their weights,
+        but for ``hits``.
+    above : (..., R, e) float64
         Points with an index of at least each inner region edge.
-    histogram : (..., R, BINS) int64
+    histogram : (..., R, BINS) float64
     """
 
     points: int
     box: NDArray[np.float64]
     reachable: NDArray[np.float64]
     within: NDArray[np.float64]
+    hits: NDArray[np.float64]
     total: NDArray[np.float64]
     smallest: NDArray[np.float64]
     largest: NDArray[np.float64]
     margin: NDArray[np.float64]
-    above: NDArray[np.int64]
-    histogram: NDArray[np.int64]
+    above: NDArray[np.float64]
+    histogram: NDArray[np.float64]
 
     def add(self, other: Tallies) -> None:
         """Add the tallies of further points; the order of additions fixes the last digits."""
         self.points += other.points
         self.reachable += other.reachable
         self.within += other.within
+        self.hits += other.hits
         self.total += other.total
         np.minimum(self.smallest, other.smallest, out=self.smallest)
         np.maximum(self.largest, other.largest, out=self.largest)
@@ -170,23 +173,35 @@ class Sweeper:
             "tool": settings.tool,
         }
         self._checks = tuple(name for name, given in checks.items() if given is not None)
-        self._module = specialise(
-            Recipe(
-                mechanism.kernel,
-                mechanism.skeleton,
-                len(mechanism.pose),
-                mechanism.constant_count,
-                len(mechanism.joints),
-                settings.norm,
-                mechanism.segments,
-                mechanism.spokes,
-                len(mechanism.cones),
-                self._checks,
-            ),
-            on_compile=None
-            if notify is None
-            else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds"),
+        if settings.sampler == "lines" and mechanism.line is None:
+            raise InputError(
+                f"{where}: sampler=lines is not offered by {mechanism.name}, "
+                "allowed: r-sequence, sobol, monte-carlo"
+            )
+        self._recipe = Recipe(
+            mechanism.kernel,
+            mechanism.skeleton,
+            len(mechanism.pose),
+            mechanism.constant_count,
+            len(mechanism.joints),
+            settings.norm,
+            mechanism.segments,
+            mechanism.spokes,
+            len(mechanism.cones),
+            self._checks,
         )
+        on_compile = (
+            None
+            if notify is None
+            else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds")
+        )
+        self._kernels = specialise(self._recipe, on_compile)
+        self._sweep = self._kernels
+        if settings.sampler == "lines":
+            lines = self._recipe._replace(
+                line=mechanism.line, line_axis=mechanism.line_axis, line_parts=mechanism.line_parts
+            )
+            self._sweep = specialise(lines, on_compile)
 
     def design(self, parameters: Parameters) -> Design:
         """Return a design ready to be swept, its box cut to the domain."""
@@ -264,12 +279,14 @@ class Sweeper:
 
     def sequence(self, replicates: int) -> sequences.Sequence:
         """Return the sample points shared by all designs of a run."""
-        return sequences.make_sequence(
-            self.settings.sampler,
+        sampler = self.settings.sampler
+        points = sequences.make_sequence(
+            "sobol" if sampler == "lines" else sampler,
             len(self.mechanism.pose),
             replicates,
             seed_sequence(self.seed, self.purpose),
         )
+        return points.with_last(self.mechanism.line_axis) if sampler == "lines" else points
 
     def tally(
         self,
@@ -282,9 +299,9 @@ class Sweeper:
         """Sweep the points ``first .. last - 1`` of every replicate for some designs."""
         count, replicates = len(designs), points.replicates
         statistics = np.empty((count, replicates, sweep.STATISTICS))
-        above = np.empty((count, replicates, len(self.edges)), dtype=np.int64)
-        histogram = np.empty((count, replicates, bins), dtype=np.int64)
-        self._module.sweep(
+        above = np.empty((count, replicates, len(self.edges)))
+        histogram = np.empty((count, replicates, bins))
+        self._sweep.sweep(
             *points,
             first,
             last,
@@ -296,18 +313,20 @@ class Sweeper:
             statistics,
             above,
             histogram,
+            self._scratch(),
         )
         box = np.array([d.box_volume for d in designs])
         # An empty box is a single point repeated: nothing of it counts as reachable.
         empty = box == 0.0
         statistics[empty, :, : sweep.MIN_LCI] = 0.0
-        statistics[empty, :, sweep.WITHIN] = 0.0
+        statistics[empty, :, sweep.WITHIN :] = 0.0
         above[empty] = 0
         histogram[empty] = 0
-        reachable, total, smallest, largest, margin, within = np.moveaxis(statistics, 2, 0)
+        reachable, total, smallest, largest, margin, within, hits = np.moveaxis(statistics, 2, 0)
         return Tallies(
-            last - first, box, reachable, within, total, smallest, largest, margin, above, histogram
-        )
+            last - first, box, reachable, within, hits, total, smallest, largest, margin,
+            above, histogram,
+        )  # fmt: skip
 
     def tally_population(
         self, designs: Sequence[Design], points: sequences.Sequence, count: int
@@ -354,9 +373,10 @@ class Sweeper:
 
         def evaluate(start: int) -> None:
             part = slice(start, min(start + step, size))
-            self._module.field(
-                np.ascontiguousarray(poses[:, part]), constants, margin[part], lci[part]
-            )
+            self._kernels.field(
+                np.ascontiguousarray(poses[:, part]), constants, margin[part], lci[part],
+                self._scratch(),
+            )  # fmt: skip
 
         for _ in ordered_map(evaluate, range(0, size, step), self.threads):
             pass
@@ -373,7 +393,7 @@ class Sweeper:
         def evaluate(start: int) -> None:
             part = slice(start, min(start + step, size))
             found = np.empty((len(facts), part.stop - start))
-            self._module.probe(np.ascontiguousarray(poses[:, part]), constants, found)
+            self._kernels.probe(np.ascontiguousarray(poses[:, part]), constants, found)
             facts[:, part] = found
 
         for _ in ordered_map(evaluate, range(0, size, step), self.threads):
@@ -391,8 +411,14 @@ class Sweeper:
     ) -> NDArray[np.float64]:
         """Return the points ``first .. last - 1`` of the first replicate, shape (d, N)."""
         poses = np.empty((len(design.width), last - first))
-        self._module.points(*points, first, last, design.lower, design.width, poses)
+        self._kernels.points(
+            *points, first, last, design.lower, design.width, poses, self._scratch()
+        )
         return poses
+
+    def _scratch(self) -> NDArray[np.float64]:
+        """Return block buffers for one call of an entry."""
+        return np.empty((self._recipe.scratch_rows, sequences.BLOCK))
 
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:

@@ -73,7 +73,7 @@ class WorkspaceResult:
     regions: tuple[Region, ...]
     samples: int
     reachable: int
-    histogram: tuple[int, ...] = field(repr=False)
+    histogram: tuple[float, ...] = field(repr=False)
     shape: Shape | None
     projection: Projection | None
     units: dict[str, str]

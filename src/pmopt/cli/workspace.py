@@ -23,8 +23,8 @@ from pmopt.mechanisms import Mechanism
 )
 @click.option(
     "--sampler",
-    type=click.Choice(["r-sequence", "sobol", "monte-carlo"]),
-    help="Default: r-sequence.",
+    type=click.Choice(["r-sequence", "sobol", "monte-carlo", "lines"]),
+    help="Default: r-sequence. lines: exact along one coordinate, where a mechanism offers it.",
 )
 @click.option(
     "--replicates",

@@ -2,8 +2,8 @@
 
 The functions below are plain Python. :mod:`pmopt.numerics.specialise` copies their source,
 with a mechanism's kernel and a conditioning function in place of the stubs, into one
-self-contained module and compiles that. They hold no lock, allocate a few block buffers per
-call and nothing per point, and never raise: the caller checks its arguments.
+self-contained module that is compiled. They hold no lock, allocate nothing (block buffers are
+arguments) and never raise: the caller checks its arguments.
 
 Reductions: points are taken in blocks of fixed length in order of their index, so that the sums
 of a call depend on its arguments alone. Sums of several calls are added by the caller in order.
@@ -20,7 +20,8 @@ MIN_LCI = 2
 MAX_LCI = 3
 BEST_MARGIN = 4  # largest margin met while no point had been within the limits
 WITHIN = 5  # points inside every limit, whatever their LCI
-STATISTICS = 6
+HITS = 6  # as REACHABLE, but points on lines count as one, whatever their weight
+STATISTICS = 7
 
 TWO_POW_M52 = 1.0 / 4503599627370496.0
 TWO_POW_M64 = 1.0 / 18446744073709551616.0
@@ -34,7 +35,15 @@ def margin_of(pose, i, constants):
 def index_block(pose, count, constants, work, lci):
     """Stub: write the local conditioning indices of ``count`` poses of a block.
 
-    ``work`` (WORK, BLOCK) is scratch space.
+    ``work`` is scratch space, a row for each entry of the Jacobian.
+    """
+    raise NotImplementedError
+
+
+def place_on_line(pose, i, low, width, constants):
+    """Stub: move pose ``i`` into the reachable part of its line, from the mechanism's ``line``.
+
+    Returns the coordinate and the part's share of the line, 0 where nothing of it is reachable.
     """
     raise NotImplementedError
 
@@ -44,8 +53,11 @@ def facts_of(pose, i, constants):
     raise NotImplementedError
 
 
-#: Stub: rows of scratch space that the conditioning needs.
-WORK = 0
+#: Stub: coordinates of a pose.
+AXES = 0
+#: Stub: whether points are placed on the reachable parts of lines, and along which coordinate.
+LINES = 0
+LINE_AXIS = 0
 #: Stub: length of the tuple of ``facts_of``.
 FACTS = 0
 
@@ -60,6 +72,34 @@ def mix(x):
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
+
+
+def sum_of(values, count):
+    """Sum values; four running sums: a single one would wait for its own last addition."""
+    s0 = s1 = s2 = s3 = 0.0
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        s0 += values[i]
+        s1 += values[i + 1]
+        s2 += values[i + 2]
+        s3 += values[i + 3]
+    for i in range(whole, count):
+        s0 += values[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+def weight_above(values, weights, edge, count):
+    """Sum the weights of values of at least the edge, as in :func:`sum_of`."""
+    s0 = s1 = s2 = s3 = 0.0
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        s0 += weights[i] if values[i] >= edge else 0.0
+        s1 += weights[i + 1] if values[i + 1] >= edge else 0.0
+        s2 += weights[i + 2] if values[i + 2] >= edge else 0.0
+        s3 += weights[i + 3] if values[i + 3] >= edge else 0.0
+    for i in range(whole, count):
+        s0 += weights[i] if values[i] >= edge else 0.0
+    return (s0 + s1) + (s2 + s3)
 
 
 def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
@@ -125,9 +165,12 @@ def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
 
 def sweep(
     kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci, edges,
-    statistics, region_counts, histogram,
+    statistics, region_counts, histogram, scratch,
 ):  # fmt: skip
     """Sum over the points ``first .. last - 1`` of every replicate, for every design.
+
+    On lines every point stands for the reachable part of its line: it counts with that part's
+    share of the line's length.
 
     Parameters
     ----------
@@ -144,22 +187,26 @@ def sweep(
     edges : (e,) float64
         Inner edges of the dexterity regions, ascending.
     statistics : (D, R, STATISTICS) float64
-    region_counts : (D, R, e) int64
+    region_counts : (D, R, e) float64
         Points with an index of at least the edge.
-    histogram : (D, R, b) int64
+    histogram : (D, R, b) float64
         Counts in b equal bins of [0, 1]; b = 0 for none.
+    scratch : (rows, BLOCK) float64
+        Overwritten; see ``Recipe.scratch_rows``.
     """
-    dimension = lower.shape[1]
     bins = histogram.shape[2]
-    pose = np.empty((dimension, BLOCK))
-    margin = np.empty(BLOCK)
-    lci = np.empty(BLOCK)
-    work = np.empty((WORK, BLOCK))
+    # At known places, so that the compiler sees that nothing overlaps.
+    pose = scratch[:AXES]
+    margin = scratch[AXES]
+    lci = scratch[AXES + 1]
+    weight = scratch[AXES + 2]
+    work = scratch[AXES + 3 :]
     for design in range(constants.shape[0]):
         k = unpack(constants[design])
         for replicate in range(start.shape[0]):
-            reachable = 0
-            within = 0
+            hits = 0
+            reachable = 0.0
+            within = 0.0
             total = 0.0
             smallest = np.inf
             largest = -np.inf
@@ -174,13 +221,24 @@ def sweep(
                     kind, step, start[replicate], high[replicate], low[replicate], cells,
                     block, count, lower[design], width[design], pose,
                 )  # fmt: skip
+                if LINES:
+                    for i in range(count):
+                        place, share = place_on_line(
+                            pose, i, lower[design, LINE_AXIS], width[design, LINE_AXIS], k
+                        )
+                        pose[LINE_AXIS, i] = place
+                        weight[i] = share
                 for i in range(count):
                     margin[i] = margin_of(pose, i, k)
                 kept = 0
                 for i in range(count):
-                    for d in range(dimension):
+                    for d in range(AXES):
                         pose[d, kept] = pose[d, i]
-                    if margin[i] >= 0.0:
+                    if LINES:
+                        weight[kept] = weight[i]
+                        if margin[i] >= 0.0 and weight[i] > 0.0:
+                            kept += 1
+                    elif margin[i] >= 0.0:
                         kept += 1
                 if kept == 0:
                     for i in range(count):
@@ -188,7 +246,7 @@ def sweep(
                             best = margin[i]
                     continue
                 index_block(pose, kept, k, work, lci)
-                within += kept
+                within += sum_of(weight, kept) if LINES else kept
                 if min_lci > 0.0:
                     for i in range(kept):
                         if lci[i] > largest:
@@ -196,24 +254,28 @@ def sweep(
                     above = 0
                     for i in range(kept):
                         lci[above] = lci[i]
+                        if LINES:
+                            weight[above] = weight[i]
                         if lci[i] >= min_lci:
                             above += 1
                     kept = above
-                reachable += kept
-                # Four running values: a single one would wait for its own last addition.
-                s0 = s1 = s2 = s3 = 0.0
-                whole = kept - kept % 4
-                for i in range(0, whole, 4):
-                    s0 += lci[i]
-                    s1 += lci[i + 1]
-                    s2 += lci[i + 2]
-                    s3 += lci[i + 3]
-                for i in range(whole, kept):
-                    s0 += lci[i]
-                total += (s0 + s1) + (s2 + s3)
+                hits += kept
                 for i in range(kept):
                     smallest = min(smallest, lci[i])
                     largest = max(largest, lci[i])
+                if LINES:
+                    reachable += sum_of(weight, kept)
+                    for i in range(kept):
+                        margin[i] = weight[i] * lci[i]
+                    total += sum_of(margin, kept)
+                    for e in range(edges.shape[0]):
+                        counts[e] += weight_above(lci, weight, edges[e], kept)
+                    if bins > 0:
+                        for i in range(kept):
+                            tally[min(bins - 1, int(lci[i] * bins))] += weight[i]
+                    continue
+                reachable += kept
+                total += sum_of(lci, kept)
                 for e in range(edges.shape[0]):
                     edge = edges[e]
                     above = 0
@@ -230,29 +292,36 @@ def sweep(
             row[MAX_LCI] = largest
             row[BEST_MARGIN] = best
             row[WITHIN] = within
+            row[HITS] = hits
 
 
-def field(poses, constants, margin, lci):
+def field(poses, constants, margin, lci, scratch):
     """Evaluate given poses: ``poses`` (d, N), results ``margin`` (N,) and ``lci`` (N,).
 
     The index is evaluated outside the limits too, where it continues the inside (0 out of reach).
     """
     k = unpack(constants)
-    work = np.empty((WORK, BLOCK))
-    for i in range(poses.shape[1]):
-        margin[i] = margin_of(poses, i, k)
+    pose = scratch[:AXES]
+    work = scratch[AXES:]
     for first in range(0, poses.shape[1], BLOCK):
         count = min(BLOCK, poses.shape[1] - first)
-        index_block(poses[:, first : first + count], count, k, work, lci[first : first + count])
+        for d in range(AXES):
+            for i in range(count):
+                pose[d, i] = poses[d, first + i]
+        for i in range(count):
+            margin[first + i] = margin_of(pose, i, k)
+        index_block(pose, count, k, work, lci[first : first + count])
 
 
-def points(kind, step, start, high, low, cells, first, last, lower, width, poses):
+def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):
     """Write the points ``first .. last - 1`` of the first replicate into ``poses`` (d, N)."""
-    pose = np.empty((poses.shape[0], BLOCK))
+    pose = scratch[:AXES]
     for block in range(first, last, BLOCK):
         count = min(BLOCK, last - block)
         fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
-        poses[:, block - first : block - first + count] = pose[:, :count]
+        for d in range(AXES):
+            for i in range(count):
+                poses[d, block - first + i] = pose[d, i]
 
 
 def probe(poses, constants, facts):

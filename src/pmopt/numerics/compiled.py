@@ -1,0 +1,287 @@
+"""Compile generated kernel texts to machine code, keep it, and call it without numba.
+
+A text is compiled by numba entry by entry, when an entry is first called. What is kept is the
+object code; a later process loads it with llvmlite alone, in a few milliseconds where importing
+numba takes half a second. The folder of a text is named after the hash of the text, the versions
+of numba, llvmlite, NumPy and Python, and the processor: an edit anywhere changes the folder, so
+that machine code can not go stale. Files are written whole or not at all, so that processes that
+begin at once on an empty cache do not meet half a file.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+#: Symbols that numba's code refers to where it raises or frees. Entries do neither: each is bound
+#: to ``abort``, so that a mistake ends the process and never goes on with wrong numbers.
+_UNUSED = (
+    "numba_gil_ensure", "numba_gil_release", "numba_unpickle", "numba_do_raise",
+    "numba_runtime_build_excinfo_struct", "NRT_Free", "NRT_MemInfo_call_dtor", "NRT_Allocate",
+    "NRT_MemInfo_alloc_safe_aligned", "NRT_incref", "NRT_decref",
+)  # fmt: skip
+_SYMBOL = "pmopt_entry"
+#: Bytes of the hash that precedes object code in a file: LLVM ends the process on half a file.
+_DIGEST = 32
+_lock = threading.Lock()
+_engines: list[Any] = []  # what keeps loaded machine code alive
+
+
+class Entry(NamedTuple):
+    """A function of a text that can be called from outside.
+
+    Attributes
+    ----------
+    name : str
+    arguments : tuple of str
+        ``"int64"``, ``"uint64"``, ``"float64"`` or one of them with ``"[:]"``, ``"[:,:]"``, ..
+        appended: a C-contiguous array. A number in place of a colon fixes the length of an axis, so
+        that the compiler knows where rows lie and that they do not overlap. Entries return nothing
+        (results go into arrays), allocate nothing (scratch space is an argument) and raise nothing.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+
+
+def cache_root() -> Path:
+    """Return the folder of compiled kernels: ``$PMOPT_CACHE_DIR`` or the user's cache folder."""
+    given = os.environ.get("PMOPT_CACHE_DIR")
+    if given:
+        return Path(given)
+    from platformdirs import user_cache_path
+
+    return user_cache_path("pmopt", appauthor=False)
+
+
+@functools.cache
+def _machine() -> tuple[str, ...]:
+    """Return what machine code depends on beside its text."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    return (
+        importlib.metadata.version("numba"),
+        llvmlite.__version__,
+        np.__version__,
+        sys.version,
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+    )
+
+
+def folder_of(text: str, entries: Sequence[Entry]) -> Path:
+    """Return the folder in the cache that holds a text and its machine code."""
+    parts = (text, repr(tuple(entries)), *_machine())
+    return cache_root() / hashlib.sha256("\0".join(parts).encode()).hexdigest()[:20]
+
+
+def write_whole(path: Path, content: bytes) -> bool:
+    """Write a file of the cache whole or not at all; return whether it could be written."""
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+        os.replace(temporary, path)
+    except OSError:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        return False
+    return True
+
+
+class Compiled:
+    """The entries of one text as attributes, each compiled or loaded at its first call.
+
+    Parameters
+    ----------
+    text : str
+        Source of a module; functions are decorated for numba in it.
+    entries : sequence of Entry
+    on_compile : callable, optional
+        Called before the first compilation, which takes seconds.
+    """
+
+    def __init__(
+        self,
+        text: str,
+        entries: Sequence[Entry],
+        on_compile: Callable[[], None] | None = None,
+    ) -> None:
+        self.folder = folder_of(text, entries)
+        self.on_compile = on_compile
+        self._text = text
+        self._entries = {e.name: e for e in entries}
+        self._module: ModuleType | None = None
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        """Return an entry as a function of numbers and arrays."""
+        try:
+            entry = self.__dict__["_entries"][name]
+        except KeyError:
+            raise AttributeError(name) from None
+        with _lock:
+            if name not in self.__dict__:
+                setattr(self, name, _caller(entry, self._address(entry)))
+        found: Callable[..., None] = self.__dict__[name]
+        return found
+
+    def is_compiled(self, name: str) -> bool:
+        """Return whether the machine code of an entry is kept."""
+        return self._object_path(name).exists()
+
+    def _object_path(self, name: str) -> Path:
+        return self.folder / f"{name}.o"
+
+    def _address(self, entry: Entry) -> int:
+        """Return the address of an entry's machine code, compiling it where none is kept."""
+        path = self._object_path(entry.name)
+        try:
+            kept = path.read_bytes()
+        except OSError:
+            kept = b""
+        code = kept[_DIGEST:]
+        if hashlib.sha256(code).digest() != kept[:_DIGEST]:  # none is kept, or it was cut short
+            code = self._compile(entry)
+            # A cache that can not be written costs time only.
+            write_whole(path, hashlib.sha256(code).digest() + code)
+        return _load(code)
+
+    def _compile(self, entry: Entry) -> bytes:
+        """Return an entry's object code."""
+        if self._module is None:
+            if self.on_compile is not None:
+                self.on_compile()
+            self._module = self._import()
+        return _object_code(entry, getattr(self._module, entry.name))
+
+    def _import(self) -> ModuleType:
+        """Import the text, from a file where one can be written so that it can be read."""
+        name = f"pmopt_kernels_{self.folder.name}"
+        path = self.folder / "kernels.py"
+        write_whole(path, self._text.encode())
+        module = ModuleType(name)
+        module.__file__ = str(path)
+        sys.modules[name] = module
+        exec(compile(self._text, str(path), "exec"), module.__dict__)
+        return module
+
+
+def _object_code(entry: Entry, function: Any) -> bytes:
+    """Compile an entry for calls through pointers and return the object code."""
+    import llvmlite.binding as llvm
+    from numba import carray, cfunc, types
+
+    kinds = {"int64": types.int64, "uint64": types.uint64, "float64": types.float64}
+    signature, names, views = [], [], []
+    for k, argument in enumerate(entry.arguments):
+        kind, _, axes = argument.partition("[")
+        if axes:
+            given = axes.rstrip("]").split(",")
+            shape = [f"n{k}_{a}" for a in range(len(given))]
+            signature += [types.CPointer(kinds[kind]), *(types.int64 for _ in shape)]
+            names += [f"p{k}", *shape]
+            fixed = [n if g == ":" else g for n, g in zip(shape, given, strict=True)]
+            views.append(f"carray(p{k}, ({', '.join(fixed)},))")
+        else:
+            signature.append(kinds[kind])
+            names.append(f"p{k}")
+            views.append(f"p{k}")
+    source = f"def outer({', '.join(names)}):\n    inner({', '.join(views)})\n"
+    scope = {"inner": function, "carray": carray}
+    exec(source, scope)
+    outer = cfunc(types.void(*signature), nopython=True, error_model="numpy")(scope["outer"])
+    text = outer.inspect_llvm().replace(outer.native_name, _SYMBOL)
+    _initialize()
+    code: bytes = _target_machine().emit_object(llvm.parse_assembly(text))
+    return code
+
+
+@functools.cache
+def _initialize() -> None:
+    """Make LLVM ready and bind the symbols that are never called."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    if "numba" in sys.modules:  # it has bound them
+        return
+    abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
+    for symbol in _UNUSED:
+        llvm.add_symbol(symbol, abort)
+
+
+def _target_machine() -> Any:
+    """Return LLVM's code generator for this processor, with numba's options."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten()
+    triple = llvm.get_process_triple()
+    return llvm.Target.from_triple(triple).create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=features,
+        opt=3,
+        reloc="static" if triple.startswith("x86") else "default",
+        codemodel="jitdefault",
+        jit=True,
+    )
+
+
+def _load(code: bytes) -> int:
+    """Load object code and return the address of its entry."""
+    import llvmlite.binding as llvm
+
+    _initialize()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
+    engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    address: int = engine.get_function_address(_SYMBOL)
+    _engines.append(engine)
+    return address
+
+
+def _caller(entry: Entry, address: int) -> Callable[..., None]:
+    """Return a function that passes numbers and arrays to an entry; it releases the GIL."""
+    scalars = {"int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double}
+    types: list[Any] = []
+    arrays: list[tuple[np.dtype[Any], tuple[int | None, ...]] | None] = []
+    for argument in entry.arguments:
+        kind, _, axes = argument.partition("[")
+        if not axes:
+            types.append(scalars[kind])
+            arrays.append(None)
+            continue
+        shape = tuple(None if n == ":" else int(n) for n in axes.rstrip("]").split(","))
+        types += [ctypes.c_void_p, *[ctypes.c_int64] * len(shape)]
+        arrays.append((np.dtype(kind), shape))
+    pointer = ctypes.CFUNCTYPE(None, *types)(address)
+
+    def call(*arguments: Any) -> None:
+        passed: list[Any] = []
+        for value, array, stated in zip(arguments, arrays, entry.arguments, strict=True):
+            if array is None:
+                passed.append(value)
+                continue
+            kind, shape = array
+            fits = value.dtype == kind and value.ndim == len(shape) and value.flags.c_contiguous
+            if not fits or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True)):
+                raise TypeError(f"{entry.name}: a C-contiguous {stated} is needed")
+            passed += [value.ctypes.data, *value.shape]
+        pointer(*passed)
+
+    return call

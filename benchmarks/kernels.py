@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,21 @@ TOLERANCE = 1e-9
 NO_LIMIT = 1e300
 POINTER = ctypes.POINTER(ctypes.c_double)
 
-Sweep = Callable[[Design, Sequence, int, int], Tallies]
+
+class Sums(NamedTuple):
+    """What a reference returns of one design: the fields of the same name of a Tallies.
+
+    ``above`` (1, R, e), the others (1, R).
+    """
+
+    within: NDArray[np.float64]
+    total: NDArray[np.float64]
+    smallest: NDArray[np.float64]
+    largest: NDArray[np.float64]
+    above: NDArray[np.int64]
+
+
+Sweep = Callable[[Design, Sequence, int, int], Sums]
 
 
 def strokes(design: Design, joints: tuple[str, ...]) -> list[float]:
@@ -106,7 +121,7 @@ POINTS = {
 
 
 def build(name: str, width: int, folder: Path) -> Sweep:
-    """Compile one reference and return it with the interface of :meth:`Sweeper.tally`."""
+    """Compile one reference and return it for points as :meth:`Sweeper.tally` takes them."""
     stem = folder / f"{name}-{width}"
     source = SOURCES / f"{name}.c"
     wide = f"-mprefer-vector-width={width}"
@@ -115,7 +130,7 @@ def build(name: str, width: int, folder: Path) -> Sweep:
     function = ctypes.CDLL(f"{stem}.so").sweep
     function.restype = None
 
-    def sweep(design: Design, points: Sequence, first: int, last: int) -> Tallies:
+    def sweep(design: Design, points: Sequence, first: int, last: int) -> Sums:
         edges = np.array(WorkspaceSettings().regions[1:-1])
         found = np.empty((1, points.replicates, 4))
         above = np.empty((1, points.replicates, len(edges)), dtype=np.int64)
@@ -131,12 +146,7 @@ def build(name: str, width: int, folder: Path) -> Sweep:
             _address(found),
             _address(above),
         )
-        within, total, smallest, largest = np.moveaxis(found, 2, 0)
-        nothing = np.zeros((1, points.replicates, 0), dtype=np.int64)
-        return Tallies(
-            last - first, np.array([design.box_volume]), within, within, total, smallest, largest,
-            np.full_like(within, np.nan), above, nothing,
-        )  # fmt: skip
+        return Sums(*np.moveaxis(found, 2, 0), above)
 
     return sweep
 
@@ -145,7 +155,7 @@ def _address(array: NDArray[np.generic]) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def disagreement(ours: Tallies, theirs: Tallies) -> str | None:
+def disagreement(ours: Tallies, theirs: Sums) -> str | None:
     """Say what differs by more than rounding; None where both are the same."""
     for field in ("within", "above"):
         a, b = (np.asarray(getattr(t, field)[0].sum(axis=0)) for t in (ours, theirs))

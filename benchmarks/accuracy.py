@@ -180,7 +180,7 @@ def own_methods(
                 slope = -0.5 if sampler == "monte-carlo" else None
                 need = need_of(estimate, truth, target, seeds, slope)
             except PmoptError as error:
-                print(f"  {sampler}: not for {mechanism.name} ({error})")
+                print(f"  left out: {error}")
                 continue
         seed = 0 if sampler == "grid" else 1
         methods.append(Method(f"pmopt, {sampler}", lambda n, e=estimate, s=seed: e(n, s), need))

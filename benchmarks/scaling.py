@@ -1,5 +1,7 @@
 """Scaling: time and memory against samples, cost of a design against designs; a picture of each.
 
+Times are of the processor: one thread's, without what other processes took meanwhile.
+
 Run: python benchmarks/scaling.py [--samples 1e10] [--designs 1e5] [--out docs/images]
 """
 
@@ -59,7 +61,7 @@ def sweep_once(samples: int) -> None:
     points = sweeper.sequence(DEFAULT_REPLICATES)
     sweeper.tally([design], points, 0, 1)
     before = peak_memory()
-    began = time.perf_counter()
+    began = time.process_time()
     total = None
     last = max(1, samples // DEFAULT_REPLICATES)
     for part in sweeper.stream(design, points, chunk_ranges(0, last, DEFAULT_REPLICATES)):
@@ -67,7 +69,7 @@ def sweep_once(samples: int) -> None:
             total = part
         else:
             total.add(part)
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     print(json.dumps([seconds / (last * DEFAULT_REPLICATES) * 1e9, before, peak_memory()]))
 
 
@@ -105,10 +107,10 @@ def by_designs(counts: Sequence[int], rounds: int, samples: int) -> list[list[fl
                 continue
             # What is too short for the clock is repeated, over other designs.
             repeats = max(1, min(20, max(counts) // count))
-            began = time.perf_counter()
+            began = time.process_time()
             for r in range(repeats):
                 problem.evaluate(designs[r * count : (r + 1) * count])
-            found[k].append((time.perf_counter() - began) / repeats / count * 1e6)
+            found[k].append((time.process_time() - began) / repeats / count * 1e6)
     print(
         f"\n{MECHANISM}, random designs, {samples} samples each, 1 thread\n"
         f"{'designs':>14s}  us a design (quartiles)"
@@ -135,7 +137,12 @@ def draw_samples(path: Path, counts: Sequence[int], found: list[list[list[float]
     """Draw time and memory against samples."""
     with new_figure(6.0, 4.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True)
-        curve(above, counts, ([r[0] for r in runs] for runs in found), "time of a sample, ns")
+        curve(
+            above,
+            counts,
+            ([r[0] for r in runs] for runs in found),
+            "processor time of a sample, ns",
+        )
         curve(below, counts, ([r[2] for r in runs] for runs in found), "peak memory, MB")
         before = statistics.median(r[1] for runs in found for r in runs)
         below.axhline(before, color=FAINT, linestyle="--", linewidth=1)
@@ -151,7 +158,7 @@ def draw_designs(path: Path, counts: Sequence[int], found: list[list[float]], sa
     """Draw the cost of a design against the number evaluated at once."""
     with new_figure(6.0, 3.2) as figure:
         axes = figure.subplots()
-        curve(axes, counts, found, "time of a design, µs")
+        curve(axes, counts, found, "processor time of a design, µs")
         axes.set_xlabel("number of designs evaluated at once")
         axes.set_title(
             f"{MECHANISM}, random designs, {samples} samples each, 1 thread; median and quartiles"

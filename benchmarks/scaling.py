@@ -141,7 +141,7 @@ def draw_samples(path: Path, counts: Sequence[int], found: list[list[list[float]
             above,
             counts,
             ([r[0] for r in runs] for runs in found),
-            "processor time of a sample, ns",
+            "CPU time of a sample, ns",
         )
         curve(below, counts, ([r[2] for r in runs] for runs in found), "peak memory, MB")
         before = statistics.median(r[1] for runs in found for r in runs)
@@ -158,11 +158,9 @@ def draw_designs(path: Path, counts: Sequence[int], found: list[list[float]], sa
     """Draw the cost of a design against the number evaluated at once."""
     with new_figure(6.0, 3.2) as figure:
         axes = figure.subplots()
-        curve(axes, counts, found, "processor time of a design, µs")
+        curve(axes, counts, found, "CPU time of a design, µs")
         axes.set_xlabel("number of designs evaluated at once")
-        axes.set_title(
-            f"{MECHANISM}, random designs, {samples} samples each, 1 thread; median and quartiles"
-        )
+        axes.set_title(f"{MECHANISM}, {samples} samples a design, 1 thread; median and quartiles")
         figure.tight_layout()
         write_atomic(path, to_png(figure))
 

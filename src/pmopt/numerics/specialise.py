@@ -32,16 +32,27 @@ PLACE = 12
 # Contraction only: it fuses multiply and add, and assumes nothing about NaN or infinity.
 # Inlining in numba's own code gives 5 to 8 % faster loops than LLVM's; for all but small kernels
 # it takes minutes to compile (3-UPS/SP: 57 s against 8 s).
-_INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
-_FORCE = '@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")'
+_OPTIONS = (
+    'fastmath={"contract"}, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True'
+)
+_INLINE = f'@njit(inline="always", {_OPTIONS})'
+_FORCE = f"@njit(forceinline=True, {_OPTIONS})"
 _SMALL = 5000
-_PLAIN = '@njit(fastmath={"contract"}, error_model="numpy")'
+_PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (
-    "margin_of", "index_block", "place_on_line", "facts_of", "unpack",
-    "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS",
+    "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
+    "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
 )  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
+#: Begins the second look at indices that the closed form has doubted.
+_DOUBTFUL = (
+    "    doubtful = 0\n"
+    "    for i in range(count):\n"
+    "        doubtful += 1 if lci[i] < 0.0 else 0\n"
+    "    if doubtful > 0:\n"
+    "        for i in range(count):\n"
+)
 _ENTRIES = ("sweep", "field", "points", "probe")
 
 
@@ -168,37 +179,51 @@ def module_text(recipe: Recipe) -> str:
     constants = ", ".join(f"constants[{c}]" for c in range(count))
     own = f"constants[:{recipe.constant_count}]" if recipe.checks else "constants"
     call = f"{kernel.__name__}({pose}, {own})"
-    blocks["margin_of"] = f"{_INLINE}\ndef margin_of(pose, i, constants):\n    " + (
-        f"margin = {call}[0]\n{_checks(recipe, pose)}    return margin\n"
-        if recipe.checks
-        else f"return {call}[0]\n"
-    )
-    head = "def index_block(pose, count, constants, work, lci):\n    for i in range(count):\n"
+    margin = "    margin = result[0]\n" + (_checks(recipe, pose) if recipe.checks else "")
+    heavy = order == 3 and own_length > _SMALL
+    blocks["HEAVY"] = f"HEAVY = {int(heavy)}"
+
+    def define(name: str, arguments: str, body: str, decorator: str = _INLINE) -> None:
+        blocks[name] = f"{decorator}\ndef {name}({arguments}):\n{body}"
+
+    point, block = "pose, i, constants", "pose, count, constants"
+    evaluated = f"    result = {call}\n"
+    each = "    for i in range(count):\n"
+    kept = "".join(f"    work[{e}, i] = {text}\n" for e, text in enumerate(entries))
+    define("margin_of", point, f"{evaluated}{margin}    return margin\n")
     if order == 3:
-        blocks["careful_index"] = (
-            f"{_PLAIN}\ndef careful_index(pose, i, constants):\n    result = {call}\n"
-            f"    return {CAREFUL[recipe.norm].__name__}({', '.join(entries)})\n"
+        stored = [f"work[{e}, i]" for e in range(9)]
+        closed = (
+            f"    lci[i] = {conditioning.__name__}({', '.join(stored if heavy else entries)})\n"
         )
-        body = f"        lci[i] = {conditioning.__name__}({', '.join(entries)})\n" + (
-            "    doubtful = 0\n"
-            "    for i in range(count):\n"
-            "        doubtful += 1 if lci[i] < 0.0 else 0\n"
-            "    if doubtful > 0:\n"
-            "        for i in range(count):\n"
-            "            if lci[i] < 0.0:\n"
-            "                lci[i] = careful_index(pose, i, constants)\n"
-        )
+        careful = f"{CAREFUL[recipe.norm].__name__}({', '.join(stored if heavy else entries)})"
+        if heavy:
+            define("careful_index", "work, i", f"    return {careful}\n", _PLAIN)
+        else:
+            define("careful_index", point, f"{evaluated}    return {careful}\n", _PLAIN)
+    if heavy:
+        # The kernel is worth being evaluated, and compiled, once: entries are kept for all points.
+        each_point = textwrap.indent(f"{evaluated}{margin}    margins[i] = margin\n{kept}", "    ")
+        define("evaluate_block", f"{block}, work, margins", each + each_point)
+        again = "            if lci[i] < 0.0 and margins[i] >= 0.0:\n"
+        again += "                lci[i] = careful_index(work, i)\n"
+        define("index_block", f"{block}, work, lci", "    raise NotImplementedError\n")
+        define("index_all", "count, work, margins, lci",
+               each + textwrap.indent(closed, "    ") + _DOUBTFUL + again)  # fmt: skip
+    elif order == 3:
+        again = "            if lci[i] < 0.0:\n"
+        again += "                lci[i] = careful_index(pose, i, constants)\n"
+        each_point = textwrap.indent(f"{evaluated}{closed}", "    ")
+        define("index_block", f"{block}, work, lci", each + each_point + _DOUBTFUL + again)
     else:
-        body = "".join(f"        work[{e}, i] = {text}\n" for e, text in enumerate(entries))
-        body += f"    {conditioning.__name__}(work, count, lci)\n"
-    blocks["index_block"] = f"{_INLINE}\n{head}        result = {call}\n{body}"
-    blocks["place_on_line"] = f"{_INLINE}\ndef place_on_line(pose, i, low, width, constants):\n"
-    blocks["place_on_line"] += _place(recipe, f"({pose}, low, low + width, {own})")
+        define("index_block", f"{block}, work, lci",
+               each + textwrap.indent(f"{evaluated}{kept}", "    ")
+               + f"    {conditioning.__name__}(work, count, lci)\n")  # fmt: skip
+    define("place_on_line", "pose, i, low, width, constants",
+           _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
-    blocks["facts_of"] = (
-        f"{_INLINE}\ndef facts_of(pose, i, constants):\n    result = {call}\n"
-        f"    return (margin_of(pose, i, constants), {', '.join(entries)}) + {skeleton}\n"
-    )
+    facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
+    define("facts_of", point, evaluated + margin + facts)
     blocks["unpack"] = f"{_INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
     for entry in _ENTRIES:
         _collect(getattr(sweep, entry), blocks)

@@ -40,6 +40,16 @@ def index_block(pose, count, constants, work, lci):
     raise NotImplementedError
 
 
+def evaluate_block(pose, count, constants, work, margins):
+    """Stub, for heavy kernels: write margins and, into ``work``, entries of a block's poses."""
+    raise NotImplementedError
+
+
+def index_all(count, work, margins, lci):
+    """Stub: write the indices of entries in ``work``; doubtful ones, < 0, only out of reach."""
+    raise NotImplementedError
+
+
 def place_on_line(pose, i, low, width, constants):
     """Stub: move pose ``i`` into the reachable part of its line, from the mechanism's ``line``.
 
@@ -58,6 +68,8 @@ AXES = 0
 #: Stub: whether points are placed on the reachable parts of lines, and along which coordinate.
 LINES = 0
 LINE_AXIS = 0
+#: Stub: whether the kernel costs so much that it is evaluated once for margin and entries.
+HEAVY = 0
 #: Stub: length of the tuple of ``facts_of``.
 FACTS = 0
 
@@ -228,12 +240,19 @@ def sweep(
                         )
                         pose[LINE_AXIS, i] = place
                         weight[i] = share
-                for i in range(count):
-                    margin[i] = margin_of(pose, i, k)
+                if HEAVY:
+                    evaluate_block(pose, count, k, work, margin)
+                    index_all(count, work, margin, lci)
+                else:
+                    for i in range(count):
+                        margin[i] = margin_of(pose, i, k)
                 kept = 0
                 for i in range(count):
-                    for d in range(AXES):
-                        pose[d, kept] = pose[d, i]
+                    if HEAVY:
+                        lci[kept] = lci[i]
+                    else:
+                        for d in range(AXES):
+                            pose[d, kept] = pose[d, i]
                     if LINES:
                         weight[kept] = weight[i]
                         if margin[i] >= 0.0 and weight[i] > 0.0:
@@ -245,7 +264,8 @@ def sweep(
                         if margin[i] > best:
                             best = margin[i]
                     continue
-                index_block(pose, kept, k, work, lci)
+                if not HEAVY:
+                    index_block(pose, kept, k, work, lci)
                 within += sum_of(weight, kept) if LINES else kept
                 if min_lci > 0.0:
                     for i in range(kept):
@@ -308,9 +328,15 @@ def field(poses, constants, margin, lci, scratch):
         for d in range(AXES):
             for i in range(count):
                 pose[d, i] = poses[d, first + i]
-        for i in range(count):
-            margin[first + i] = margin_of(pose, i, k)
-        index_block(pose, count, k, work, lci[first : first + count])
+        if HEAVY:
+            evaluate_block(pose, count, k, work, margin[first : first + count])
+            # Every index is wanted: with margins of 0 none is left in doubt.
+            pose[0, :] = 0.0
+            index_all(count, work, pose[0], lci[first : first + count])
+        else:
+            for i in range(count):
+                margin[first + i] = margin_of(pose, i, k)
+            index_block(pose, count, k, work, lci[first : first + count])
 
 
 def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):

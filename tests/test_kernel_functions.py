@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from pmopt.numerics import condition, specialise
+from pmopt.numerics import condition, specialise, sweep
 from pmopt.numerics.clearance import segment_distance2
 from pmopt.numerics.newton import newton, real_roots
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
@@ -104,7 +104,7 @@ def test_conditioning_of_larger_matrices(order, kernel, still, norm):
     poses[:, 3] = 0.0
     poses[0, 4:8] = 1e-9
     margin, lci = np.empty(poses.shape[1]), np.empty(poses.shape[1])
-    module.field(poses, np.array([0.3]), margin, lci, np.empty((recipe.scratch_rows, 512)))
+    module.field(poses, np.array([0.3]), margin, lci, np.empty((recipe.scratch_rows, sweep.PITCH)))
     for pose, found in zip(poses.T.tolist(), lci, strict=True):
         matrix = np.reshape(kernel(*pose, (0.3,))[1:], (order, order))
         assert found == pytest.approx(naive.inverse_condition(matrix, norm), abs=1e-11)
@@ -182,7 +182,7 @@ def test_index_is_exact_near_singularity(order, kernel, still, norm):
     matrices = awkward_matrices(order, 60_000)
     poses = np.ascontiguousarray(matrices.reshape(len(matrices), -1).T)
     margin, lci = np.empty(len(matrices)), np.empty(len(matrices))
-    module.field(poses, np.zeros(1), margin, lci, np.empty((recipe.scratch_rows, 512)))
+    module.field(poses, np.zeros(1), margin, lci, np.empty((recipe.scratch_rows, sweep.PITCH)))
     assert np.abs(lci - exact_indices(matrices, norm)).max() < 1e-12
 
 

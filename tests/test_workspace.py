@@ -21,7 +21,7 @@ from pmopt.analysis.sweeper import Sweeper, chunk_ranges
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InputError, PmoptError
 from pmopt.mechanisms import find
-from pmopt.numerics import compiled, sequences, specialise
+from pmopt.numerics import compiled, sequences, specialise, sweep
 from pmopt.numerics.compiled import folder_of
 
 PAUU = find("2pauu-ppap")
@@ -684,7 +684,7 @@ def field_of(module, poses, constants):
     """Return margins and indices at poses, with scratch space for the kernels of these tests."""
     margin, lci = np.empty(poses.shape[1]), np.empty(poses.shape[1])
     rows = recipe(still).scratch_rows
-    module.field(poses, np.array(constants), margin, lci, np.empty((rows, sequences.BLOCK)))
+    module.field(poses, np.array(constants), margin, lci, np.empty((rows, sweep.PITCH)))
     return margin, lci
 
 
@@ -740,7 +740,7 @@ def test_kept_machine_code_needs_no_numba(tmp_path):
 def test_entries_check_their_arrays(tmp_path, empty_cache):
     """What machine code can not check is checked before: type, rank, order, fixed lengths."""
     module = specialise.specialise(recipe(load_kernel(tmp_path / "kernel.py")))
-    scratch = np.empty((recipe(still).scratch_rows, sequences.BLOCK))
+    scratch = np.empty((recipe(still).scratch_rows, sweep.PITCH))
     good = [np.zeros((3, 4)), np.array([0.5]), np.empty(4), np.empty(4), scratch]
     module.field(*good)
     for place, bad in (

@@ -192,6 +192,7 @@ class Sweeper:
             mechanism.spokes,
             len(mechanism.cones),
             self._checks,
+            switches=tuple(mechanism.switches(self.limits).items()),
         )
         on_compile = (
             None
@@ -324,6 +325,7 @@ class Sweeper:
             above,
             histogram,
             self._scratch(),
+            np.empty(sweep.BLOCK, dtype=np.int64),
         )
         box = np.array([d.box_volume for d in designs])
         # An empty box is a single point repeated: nothing of it counts as reachable.
@@ -460,7 +462,7 @@ class Sweeper:
 
     def _scratch(self) -> NDArray[np.float64]:
         """Return block buffers for one call of an entry."""
-        return np.empty((self._recipe.scratch_rows, sequences.BLOCK))
+        return np.empty((self._recipe.scratch_rows, sweep.PITCH))
 
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:

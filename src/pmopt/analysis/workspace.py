@@ -32,7 +32,9 @@ Progress = Callable[[int, int], None]
 
 #: Spacings of the coarser grids that estimate a grid's error, relative to its own.
 _COARSER_GRIDS = (0.4, 0.5, 0.6, 0.7)
+#: Samples of the first round to a target error; on lines, exact along one coordinate, fewer do.
 _FIRST_ROUND = 1 << 18
+_FIRST_ON_LINES = 1 << 15
 #: Samples of the home aspect or of a block: each costs some hundred times a compiled one.
 FIELD_SAMPLES = 1 << 20
 
@@ -289,8 +291,9 @@ def measure_to_target(
     PmoptError
         Without ``most``, when the largest number of samples does not do.
     """
-    replicates = sweeper.settings.replicates or split_samples(_FIRST_ROUND, None)[0]
-    last = max(1, _FIRST_ROUND // replicates // BLOCK) * BLOCK  # a later round begins a block
+    first = _FIRST_ON_LINES if sweeper.settings.sampler == "lines" else _FIRST_ROUND
+    replicates = sweeper.settings.replicates or split_samples(first, None)[0]
+    last = max(1, first // replicates // BLOCK) * BLOCK  # a later round begins a block
     points = sweeper.sequence(replicates)
     tallies = _accumulate(sweeper, design, points, 0, last, progress)
     met = 0

@@ -314,6 +314,13 @@ class Mechanism(ABC):
 
     # -- the hot path ------------------------------------------------------------------
 
+    def switches(self, limits: Ranges) -> dict[str, int]:
+        """Return constants of the kernel's module that these limits allow to be 0.
+
+        They may stand in the conditions of ``if``: what they switch off is not compiled.
+        """
+        return {}
+
     @abstractmethod
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges

@@ -49,6 +49,8 @@ MODE_SIGNS = {"out-out": (-1, -1), "in-in": (1, 1), "out-in": (-1, 1), "in-out":
 ON_SURFACE = 1e-9
 
 TINY = 1e-300
+#: Whether the cranks have limits: without them the margin needs no angles, hence no root.
+PAUU_CRANK_LIMITS = 1
 
 _PAPER = "paper, section 5.1 (default) and 6.2 (bounds)"
 
@@ -87,10 +89,11 @@ def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
     margin = square1 if square1 < square2 else square2
     slack = top - z
     margin = slack if slack < margin else margin
-    slack = cos1 * p1 + sin1 * v1 - least1
-    margin = slack if slack < margin else margin
-    slack = cos2 * p2 + sin2 * v2 - least2
-    margin = slack if slack < margin else margin
+    if PAUU_CRANK_LIMITS:
+        slack = cos1 * p1 + sin1 * v1 - least1
+        margin = slack if slack < margin else margin
+        slack = cos2 * p2 + sin2 * v2 - least2
+        margin = slack if slack < margin else margin
     slack = y - d_low
     margin = slack if slack < margin else margin
     slack = d_high - y
@@ -229,6 +232,10 @@ class PauuPpap(Mechanism):
     spokes = (0, 1)
     #: Neither the cranks' bars nor the platform turn: both U joints of a link swing alike.
     cones = ("U_C1", "U_D1", "U_C2", "U_D2")
+
+    def switches(self, limits: Ranges) -> dict[str, int]:
+        """Return whether the cranks have limits."""
+        return {"PAUU_CRANK_LIMITS": int("theta1" in limits or "theta2" in limits)}
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return l1."""
@@ -462,18 +469,18 @@ class PauuPpap(Mechanism):
         return [
             m - n, 2 * c, l1, l1**2 - l2**2, s1, s2, length, math.inf if top is None else top,
             *arcs, *limits.get("d", (-math.inf, math.inf)),
-            n, *self._references(parameters, working_mode),
+            n, *self._references(parameters, s1, s2),
         ]  # fmt: skip
 
-    def _references(self, parameters: Parameters, mode: str) -> list[float]:
-        """Return x and z of both links at home (y is 0 there), divided by l2^2."""
-        home = self.home(parameters)
-        for solution in self.inverse(parameters, home):
-            if solution.working_mode == mode:
-                links = self._links(parameters, home, solution.joints)
-                l2 = _lengths(parameters)[3]
-                return [float(u[k]) / l2**2 for u in links for k in (0, 2)]
-        return [0.0] * 4  # nothing is reachable
+    def _references(self, parameters: Parameters, s1: int, s2: int) -> list[float]:
+        """Return x and z of both links at home (x = y = 0 there), divided by l2^2."""
+        m, n, l1, l2, c = _lengths(parameters)
+        span, b = m - n, self.home(parameters)["z"] - 2 * c
+        square, _, p1, v1 = pauu_crank(span, b, 0.0, l1, l1**2 - l2**2, s1)
+        _, _, p2, v2 = pauu_crank(span, b, 0.0, l1, l1**2 - l2**2, s2)
+        if square < 0:
+            return [0.0] * 4  # nothing is reachable
+        return [u / l2**2 for u in (-span - p1, b + v1, span + p2, b + v2)]
 
     def _links(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]

@@ -33,8 +33,11 @@ import numpy as np
 _UNUSED = (
     "numba_gil_ensure", "numba_gil_release", "numba_unpickle", "numba_do_raise",
     "numba_runtime_build_excinfo_struct", "NRT_Free", "NRT_MemInfo_call_dtor", "NRT_Allocate",
-    "NRT_MemInfo_alloc_safe_aligned", "NRT_incref", "NRT_decref",
+    "NRT_MemInfo_alloc_safe_aligned",
 )  # fmt: skip
+#: Symbols that count references: arrays of a caller have no count, and a view of one asks for it.
+#: Each is bound to a function without effect.
+_IDLE = ("NRT_incref", "NRT_decref")
 _SYMBOL = "pmopt_entry"
 #: Bytes of the hash that precedes object code in a file: LLVM ends the process on half a file.
 _DIGEST = 32
@@ -283,9 +286,11 @@ def _initialize() -> None:
     llvm.initialize_native_asmprinter()
     if "numba" in sys.modules:  # it has bound them
         return
-    abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
+    library = ctypes.CDLL(None)
     for symbol in _UNUSED:
-        llvm.add_symbol(symbol, abort)
+        llvm.add_symbol(symbol, ctypes.cast(library.abort, ctypes.c_void_p).value)
+    for symbol in _IDLE:
+        llvm.add_symbol(symbol, ctypes.cast(library.labs, ctypes.c_void_p).value)
 
 
 def _target_machine() -> Any:

@@ -7,6 +7,7 @@ direction numbers of Sobol' points, keys of the counter-based generator.
 
 from __future__ import annotations
 
+import functools
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -78,6 +79,7 @@ class Sequence(NamedTuple):
         )
 
 
+@functools.cache
 def golden_steps(dimension: int) -> NDArray[np.uint64]:
     """Return the steps of the R-sequence as fractions of 2**64.
 
@@ -95,7 +97,9 @@ def golden_steps(dimension: int) -> NDArray[np.uint64]:
     for _ in range(dimension):
         power = (power << bits) // root
         steps.append((power + (1 << (bits - 65))) >> (bits - 64))
-    return np.array(steps, dtype=np.uint64)
+    found = np.array(steps, dtype=np.uint64)
+    found.flags.writeable = False  # it is shared
+    return found
 
 
 def _integer_root(value: int, order: int) -> int:

@@ -11,7 +11,7 @@ import inspect
 import linecache
 import math
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +38,7 @@ _OPTIONS = (
 _INLINE = f'@njit(inline="always", {_OPTIONS})'
 _FORCE = f"@njit(forceinline=True, {_OPTIONS})"
 _SMALL = 5000
+_LANES = 8
 _PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (
     "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
@@ -83,6 +84,8 @@ class Recipe(NamedTuple):
         leaves of lines along a coordinate; see :attr:`pmopt.mechanisms.base.Mechanism.line`.
     line_axis, line_parts : int
         Which coordinate, and how many parts it returns.
+    switches : tuple of (str, int)
+        Constants of the kernel's module that take other values.
     """
 
     kernel: Callable[..., Any]
@@ -98,6 +101,7 @@ class Recipe(NamedTuple):
     line: Callable[..., Any] | None = None
     line_axis: int = 0
     line_parts: int = 0
+    switches: tuple[tuple[str, int], ...] = ()
 
     @property
     def facts(self) -> int:
@@ -106,17 +110,18 @@ class Recipe(NamedTuple):
 
     @property
     def scratch_rows(self) -> int:
-        """Rows of BLOCK numbers that a sweep needs for itself."""
+        """Rows of PITCH numbers that a sweep needs for itself."""
         return self.pose_size + 3 + self.order**2
 
     @property
     def entries(self) -> tuple[Entry, ...]:
         """The functions of :mod:`pmopt.numerics.sweep` with the types of their arguments."""
-        scratch = f"float64[{self.scratch_rows},{sweep.BLOCK}]"
+        scratch = f"float64[{self.scratch_rows},{sweep.PITCH}]"
         return (
             Entry("sweep", (
                 *_SEQUENCE, "int64", "int64", _TABLE, _TABLE, _TABLE, "float64", "float64[:]",
                 "float64[:,:,:]", "float64[:,:,:]", "float64[:,:,:]", scratch,
+                f"int64[{sweep.BLOCK}]",
             )),
             Entry("field", (_TABLE, "float64[:]", "float64[:]", "float64[:]", scratch)),
             Entry("points", (
@@ -133,14 +138,16 @@ class Recipe(NamedTuple):
 _loaded: dict[Recipe, Compiled] = {}
 
 
-def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
+def _collect(
+    function: Callable[..., Any], blocks: dict[str, str], switched: Container[str] = ()
+) -> None:
     """Add the source of ``function`` and of all it refers to, dependencies first."""
     for name in sorted(function.__code__.co_names):
-        if name not in function.__globals__ or name in _STUBS:
+        if name not in function.__globals__ or name in _STUBS or name in switched:
             continue
         value = function.__globals__[name]
         if inspect.isfunction(value):
-            _collect(value, blocks)
+            _collect(value, blocks, switched)
         elif isinstance(value, bool | int | float):
             text = f"{name} = {value!r}"
             if blocks.setdefault(name, text) != text:
@@ -179,8 +186,9 @@ def module_text(recipe: Recipe) -> str:
     blocks["LINE_AXIS"] = f"LINE_AXIS = {recipe.line_axis}"
     blocks["PLACE"] = f"PLACE = {PLACE}"
     blocks["ENDS"] = f"ENDS = {2 * len(recipe.segments)}"
+    blocks |= {name: f"{name} = {value}" for name, value in recipe.switches}
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
-    _collect(kernel, blocks)
+    _collect(kernel, blocks, dict(recipe.switches))
     _collect(recipe.skeleton, blocks)
     if recipe.line is not None:
         _collect(recipe.line, blocks)
@@ -204,6 +212,14 @@ def module_text(recipe: Recipe) -> str:
     point, block = "pose, i, constants", "pose, count, constants"
     evaluated = f"    result = {call}\n"
     each = "    for i in range(count):\n"
+    # Whole vectors: the last pose fills them, where single points would cost as much as ten.
+    whole = (
+        f"    filled = (count + {_LANES - 1}) & {-_LANES}\n"
+        f"    for d in range({recipe.pose_size}):\n"
+        "        for i in range(count, filled):\n"
+        "            pose[d, i] = pose[d, count - 1]\n"
+        "    for i in range(filled):\n"
+    )
     kept = "".join(f"    work[{e}, i] = {text}\n" for e, text in enumerate(entries))
     define("margin_of", point, f"{evaluated}{margin}    return margin\n")
     if order == 3:
@@ -229,11 +245,11 @@ def module_text(recipe: Recipe) -> str:
         again = "            if lci[i] < 0.0:\n"
         again += "                lci[i] = careful_index(pose, i, constants)\n"
         each_point = textwrap.indent(f"{evaluated}{closed}", "    ")
-        define("index_block", f"{block}, work, lci", each + each_point + _DOUBTFUL + again)
+        define("index_block", f"{block}, work, lci", whole + each_point + _DOUBTFUL + again)
     else:
         define("index_block", f"{block}, work, lci",
-               each + textwrap.indent(f"{evaluated}{kept}", "    ")
-               + f"    {conditioning.__name__}(work, count, lci)\n")  # fmt: skip
+               whole + textwrap.indent(f"{evaluated}{kept}", "    ")
+               + f"    {conditioning.__name__}(work, filled, lci)\n")  # fmt: skip
     define("place_on_line", "pose, i, low, width, constants",
            _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"

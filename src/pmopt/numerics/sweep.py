@@ -12,6 +12,11 @@ of a call depend on its arguments alone. Sums of several calls are added by the 
 import numpy as np
 
 BLOCK = 512
+#: Distance of the rows of a block: rows 4096 bytes apart would share their places in the cache.
+PITCH = BLOCK + 8
+
+#: Bits of infinity.
+INFINITE = 0x7FF0000000000000
 
 # Columns of the statistics.
 REACHABLE = 0  # points inside every limit, with LCI >= min_lci
@@ -110,6 +115,14 @@ def sum_of(values, count):
     return (s0 + s1) + (s2 + s3)
 
 
+def gather(row, chosen, kept, spare):
+    """Move the chosen values of a row to its beginning, by way of a spare row."""
+    for j in range(kept):
+        spare[j] = row[chosen[j]]
+    for j in range(kept):
+        row[j] = spare[j]
+
+
 def weight_above(values, weights, edge, count):
     """Sum the weights of values of at least the edge, as in :func:`sum_of`."""
     s0 = s1 = s2 = s3 = 0.0
@@ -187,7 +200,7 @@ def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
 
 def sweep(
     kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci, edges,
-    statistics, region_counts, histogram, scratch,
+    statistics, region_counts, histogram, scratch, chosen,
 ):  # fmt: skip
     """Sum over the points ``first .. last - 1`` of every replicate, for every design.
 
@@ -213,8 +226,10 @@ def sweep(
         Points with an index of at least the edge.
     histogram : (D, R, b) float64
         Counts in b equal bins of [0, 1]; b = 0 for none.
-    scratch : (rows, BLOCK) float64
+    scratch : (rows, PITCH) float64
         Overwritten; see ``Recipe.scratch_rows``.
+    chosen : (BLOCK,) int64
+        Overwritten.
     """
     bins = histogram.shape[2]
     # At known places, so that the compiler sees that nothing overlaps.
@@ -223,6 +238,8 @@ def sweep(
     lci = scratch[AXES + 1]
     weight = scratch[AXES + 2]
     work = scratch[AXES + 3 :]
+    # Indices are not negative: in that order lie their bits too, whose extremes vectors can take.
+    bits = lci.view(np.int64)
     for design in range(constants.shape[0]):
         k = unpack(constants[design])
         for replicate in range(start.shape[0]):
@@ -230,8 +247,8 @@ def sweep(
             reachable = 0.0
             within = 0.0
             total = 0.0
-            smallest = np.inf
-            largest = -np.inf
+            smallest = INFINITE
+            largest = -1
             best = -np.inf
             counts = region_counts[design, replicate]
             tally = histogram[design, replicate]
@@ -258,13 +275,8 @@ def sweep(
                         margin[i] = margin_of(pose, i, k)
                 kept = 0
                 for i in range(count):
-                    if HEAVY:
-                        lci[kept] = lci[i]
-                    else:
-                        for d in range(AXES):
-                            pose[d, kept] = pose[d, i]
+                    chosen[kept] = i
                     if LINES:
-                        weight[kept] = weight[i]
                         if margin[i] >= 0.0 and weight[i] > 0.0:
                             kept += 1
                     elif margin[i] >= 0.0:
@@ -274,13 +286,19 @@ def sweep(
                         if margin[i] > best:
                             best = margin[i]
                     continue
-                if not HEAVY:
+                # Gathered by place: a move of each row at each point would not be vectorised.
+                if LINES:
+                    gather(weight, chosen, kept, margin)
+                if HEAVY:
+                    gather(lci, chosen, kept, margin)
+                else:
+                    for d in range(AXES):
+                        gather(pose[d], chosen, kept, margin)
                     index_block(pose, kept, k, work, lci)
                 within += sum_of(weight, kept) if LINES else kept
+                for i in range(kept):
+                    largest = max(largest, bits[i])
                 if min_lci > 0.0:
-                    for i in range(kept):
-                        if lci[i] > largest:
-                            largest = lci[i]
                     above = 0
                     for i in range(kept):
                         lci[above] = lci[i]
@@ -291,8 +309,7 @@ def sweep(
                     kept = above
                 hits += kept
                 for i in range(kept):
-                    smallest = min(smallest, lci[i])
-                    largest = max(largest, lci[i])
+                    smallest = min(smallest, bits[i])
                 if LINES:
                     reachable += sum_of(weight, kept)
                     for i in range(kept):
@@ -318,8 +335,10 @@ def sweep(
             row = statistics[design, replicate]
             row[REACHABLE] = reachable
             row[SUM_LCI] = total
-            row[MIN_LCI] = smallest
-            row[MAX_LCI] = largest
+            bits[0] = smallest
+            bits[1] = largest
+            row[MIN_LCI] = lci[0]
+            row[MAX_LCI] = lci[1] if largest >= 0 else -np.inf
             row[BEST_MARGIN] = best
             row[WITHIN] = within
             row[HITS] = hits

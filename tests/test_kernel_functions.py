@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from pmopt.numerics import specialise
+from pmopt.numerics import condition, specialise
 from pmopt.numerics.clearance import segment_distance2
 from pmopt.numerics.newton import newton, real_roots
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
@@ -98,17 +98,103 @@ def still5(a, b, c, d, f, constants):
 @pytest.mark.parametrize(("order", "kernel", "still"), [(4, kernel4, still4), (5, kernel5, still5)])
 def test_conditioning_of_larger_matrices(order, kernel, still, norm):
     """Blocks of Jacobi rotations against LAPACK, singular and zero matrices among them."""
-    module = specialise.specialise(
-        specialise.Recipe(kernel, still, order, 1, order, norm, (), (), 0)
-    )
+    recipe = specialise.Recipe(kernel, still, order, 1, order, norm, (), (), 0)
+    module = specialise.specialise(recipe)
     poses = np.random.default_rng(5).uniform(-1, 1, (order, 3 * 512 + 17))
     poses[:, 3] = 0.0
     poses[0, 4:8] = 1e-9
     margin, lci = np.empty(poses.shape[1]), np.empty(poses.shape[1])
-    module.field(poses, np.array([0.3]), margin, lci)
+    module.field(poses, np.array([0.3]), margin, lci, np.empty((recipe.scratch_rows, 512)))
     for pose, found in zip(poses.T.tolist(), lci, strict=True):
         matrix = np.reshape(kernel(*pose, (0.3,))[1:], (order, order))
         assert found == pytest.approx(naive.inverse_condition(matrix, norm), abs=1e-11)
+
+
+def plain3(a, b, c, d, e, f, g, h, i, constants):
+    return (1.0, a, b, c, d, e, f, g, h, i)
+
+
+def plain4(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, constants):
+    return (1.0, a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p)
+
+
+def plain5(
+    a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w, x, y, constants
+):  # fmt: skip
+    return (
+        1.0, a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w, x, y,
+    )  # fmt: skip
+
+
+def still9(a, b, c, d, e, f, g, h, i, constants):
+    return (0.0,) * 12
+
+
+def still16(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, constants):
+    return (0.0,) * 12
+
+
+def still25(
+    a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w, x, y, constants
+):  # fmt: skip
+    return (0.0,) * 12
+
+
+def awkward_matrices(order, count, seed=7):
+    """Return matrices near singular, of any rank, with values that coincide or nearly do."""
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(0, 1, (count, order))
+    kind = np.arange(count) % 6
+    values[kind == 1] = 10.0 ** rng.uniform(-18, 0, ((kind == 1).sum(), order))
+    values[kind == 2] = 1.0
+    values[kind == 2, -1] = 10.0 ** rng.uniform(-12, 0, (kind == 2).sum())
+    near = 1 + 10.0 ** rng.uniform(-16, 0, ((kind == 3).sum(), order - 1))
+    values[kind == 3, 1:] = values[kind == 3, 1:2] * near
+    near = 1 + 10.0 ** rng.uniform(-16, 0, ((kind == 4).sum(), order - 1))
+    values[kind == 4, : order - 1] = values[kind == 4, :1] * near
+    turns = [np.linalg.qr(rng.normal(size=(count, order, order)))[0] for _ in range(2)]
+    found = (turns[0] * values[:, None, :]) @ turns[1]
+    found *= 10.0 ** rng.uniform(-30, 30, (count, 1, 1))
+    found[5::60] = np.round(rng.normal(size=found[5::60].shape))  # singular ones, exactly
+    found[11] = 0.0
+    return found
+
+
+def exact_indices(matrices, norm):
+    """Return the index from LAPACK's singular values, whose error is a rounding of the largest."""
+    values = np.linalg.svd(matrices, compute_uv=False)
+    largest = values[:, :1]
+    scaled = np.divide(values, largest, out=np.zeros_like(values), where=largest > 0)
+    if norm == "2":
+        return scaled[:, -1]
+    inverse = (1 / np.maximum(scaled, 1e-140) ** 2).sum(axis=1)
+    return np.where(scaled[:, 0] > 0, 1 / np.sqrt((scaled**2).sum(axis=1) * inverse + 1e-300), 0.0)
+
+
+@pytest.mark.parametrize("norm", ["2", "fro"])
+@pytest.mark.parametrize(
+    ("order", "kernel", "still"), [(3, plain3, still9), (4, plain4, still16), (5, plain5, still25)]
+)
+def test_index_is_exact_near_singularity(order, kernel, still, norm):
+    """The error of the index is below 1e-12 for every matrix."""
+    recipe = specialise.Recipe(kernel, still, order**2, 1, order, norm, (), (), 0)
+    module = specialise.specialise(recipe)
+    matrices = awkward_matrices(order, 60_000)
+    poses = np.ascontiguousarray(matrices.reshape(len(matrices), -1).T)
+    margin, lci = np.empty(len(matrices)), np.empty(len(matrices))
+    module.field(poses, np.zeros(1), margin, lci, np.empty((recipe.scratch_rows, 512)))
+    assert np.abs(lci - exact_indices(matrices, norm)).max() < 1e-12
+
+
+@pytest.mark.parametrize("norm", ["2", "fro"])
+def test_conditioning_of_six(monkeypatch, norm):
+    """No mechanism here has six coordinates: the text itself, run as plain Python."""
+    monkeypatch.setattr(condition, "ORDER", 6)
+    matrices = awkward_matrices(6, 240)
+    work = np.ascontiguousarray(matrices.reshape(len(matrices), -1).T)
+    lci = np.empty(len(matrices))
+    getattr(condition, f"inverse_conditions_{norm}")(work, len(matrices), lci)
+    assert np.abs(lci - exact_indices(matrices, norm)).max() < 1e-12
 
 
 def test_newton_from_many_starts():

@@ -1,10 +1,13 @@
 """Volume, dexterity and shape of whole workspaces, with their error estimates."""
 
+import hashlib
 import importlib.util
 import json
 import math
 import os
 import re
+import subprocess
+import sys
 import tracemalloc
 
 import naive
@@ -18,7 +21,8 @@ from pmopt.analysis.sweeper import Sweeper, chunk_ranges
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InputError, PmoptError
 from pmopt.mechanisms import find
-from pmopt.numerics import sequences, specialise
+from pmopt.numerics import compiled, sequences, specialise
+from pmopt.numerics.compiled import folder_of
 
 PAUU = find("2pauu-ppap")
 # With m = n both limbs sweep one torus; above its axis lies half of 2 pi^2 l1 l2^2.
@@ -646,7 +650,8 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
     """A constant of a helper, the norm, a shared function: none leaves the machine code's key."""
 
     def digest(kernel, norm="2"):
-        return specialise._digest(specialise.module_text(recipe(kernel, norm)))
+        made = recipe(kernel, norm)
+        return folder_of(specialise.module_text(made), made.entries)
 
     base = load_kernel(tmp_path / "one.py")
     assert digest(load_kernel(tmp_path / "two.py")) == digest(base)
@@ -675,24 +680,74 @@ def test_constants_of_one_name_do_not_mix(tmp_path):
         specialise.module_text(recipe(kernel))
 
 
+def field_of(module, poses, constants):
+    """Return margins and indices at poses, with scratch space for the kernels of these tests."""
+    margin, lci = np.empty(poses.shape[1]), np.empty(poses.shape[1])
+    rows = recipe(still).scratch_rows
+    module.field(poses, np.array(constants), margin, lci, np.empty((rows, sequences.BLOCK)))
+    return margin, lci
+
+
 def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     """New text, new folder, new numbers: machine code can not go stale."""
     folders, values = [], []
-    poses = np.zeros((3, 1))
     for factor in (2.0, 4.0):
         kernel = load_kernel(tmp_path / "kernel.py", factor)
-        compiled = []
-        module = specialise.specialise(recipe(kernel), lambda: compiled.append(1))  # noqa: B023
-        margin, lci = np.empty(1), np.empty(1)
-        module.field(poses, np.array([0.5]), margin, lci)
-        assert compiled == [1]
+        told = []
+        module = specialise.specialise(recipe(kernel), lambda: told.append(1))  # noqa: B023
+        margin, lci = field_of(module, np.zeros((3, 1)), [0.5])
+        assert told == [1]
         assert specialise.specialise(recipe(kernel)) is module
         assert margin[0] == 0.25
-        folders.append(os.path.dirname(module.__file__))
+        folders.append(module.folder)
         values.append(lci[0])
     assert values == pytest.approx([1 / 2, 1 / 4])
     assert folders[0] != folders[1]
-    assert all(folder.startswith(str(empty_cache)) for folder in folders)
+    assert all(folder.parent == empty_cache for folder in folders)
+
+
+@pytest.mark.parametrize("kept", [slice(1000), slice(0), slice(1, None)])
+def test_damaged_machine_code_is_made_again(tmp_path, empty_cache, monkeypatch, kept):
+    """Half a file would end the process inside LLVM: it is recognised and replaced."""
+    kernel = load_kernel(tmp_path / "kernel.py")
+    wanted = field_of(specialise.specialise(recipe(kernel)), np.zeros((3, 1)), [0.5])
+    (path,) = empty_cache.glob("*/field.o")
+    code = path.read_bytes()
+    path.write_bytes(code[kept])
+    monkeypatch.setattr(specialise, "_loaded", {})
+    found = field_of(specialise.specialise(recipe(kernel)), np.zeros((3, 1)), [0.5])
+    np.testing.assert_array_equal(found, wanted)
+    assert path.read_bytes()[:32] == hashlib.sha256(path.read_bytes()[32:]).digest()
+
+
+def test_kept_machine_code_needs_no_numba(tmp_path):
+    """A second process takes what the first one kept, without numba, to the same numbers."""
+    code = (
+        "import sys, pmopt\n"
+        "print(pmopt.workspace('2pauu-ppap', samples=4096, shape_grid=0).volume)\n"
+        "print('numba' in sys.modules)"
+    )
+    environment = {**os.environ, "PMOPT_CACHE_DIR": str(tmp_path)}
+    first, second = (
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True,
+                       text=True, check=True).stdout.splitlines()
+        for _ in range(2)
+    )  # fmt: skip
+    assert first[0] == second[0]
+    assert (first[1], second[1]) == ("True", "False")
+
+
+def test_entries_check_their_arrays(tmp_path, empty_cache):
+    """What machine code can not check is checked before: type, rank, order, fixed lengths."""
+    module = specialise.specialise(recipe(load_kernel(tmp_path / "kernel.py")))
+    scratch = np.empty((recipe(still).scratch_rows, sequences.BLOCK))
+    good = [np.zeros((3, 4)), np.array([0.5]), np.empty(4), np.empty(4), scratch]
+    module.field(*good)
+    for place, bad in (
+        (0, np.zeros((4, 3)).T), (0, np.zeros(12)), (1, np.array([1])), (4, scratch[1:]),
+    ):  # fmt: skip
+        with pytest.raises(TypeError, match="field: a C-contiguous"):
+            module.field(*good[:place], bad, *good[place + 1 :])
 
 
 def test_unwritable_cache_costs_time_only(empty_cache, monkeypatch):
@@ -700,9 +755,8 @@ def test_unwritable_cache_costs_time_only(empty_cache, monkeypatch):
     blocked = empty_cache / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))
-    monkeypatch.setattr(specialise.tempfile, "tempdir", str(empty_cache))
     there = text(compute(samples=2**12))
-    assert list(empty_cache.glob("*/specialised.py"))
     monkeypatch.undo()
     assert text(compute(samples=2**12)) == there
     assert blocked.read_text() == "no folder"
+    assert compiled.cache_root() != blocked / "cache"

@@ -170,19 +170,20 @@ class Sweeper:
             "tool": settings.tool,
         }
         self._checks = tuple(name for name, given in checks.items() if given is not None)
-        self._module = specialise(
-            Recipe(
-                mechanism.kernel,
-                mechanism.skeleton,
-                len(mechanism.pose),
-                mechanism.constant_count,
-                len(mechanism.joints),
-                settings.norm,
-                mechanism.segments,
-                mechanism.spokes,
-                len(mechanism.cones),
-                self._checks,
-            ),
+        self._recipe = Recipe(
+            mechanism.kernel,
+            mechanism.skeleton,
+            len(mechanism.pose),
+            mechanism.constant_count,
+            len(mechanism.joints),
+            settings.norm,
+            mechanism.segments,
+            mechanism.spokes,
+            len(mechanism.cones),
+            self._checks,
+        )
+        self._kernels = specialise(
+            self._recipe,
             on_compile=None
             if notify is None
             else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds"),
@@ -284,7 +285,7 @@ class Sweeper:
         statistics = np.empty((count, replicates, sweep.STATISTICS))
         above = np.empty((count, replicates, len(self.edges)), dtype=np.int64)
         histogram = np.empty((count, replicates, bins), dtype=np.int64)
-        self._module.sweep(
+        self._kernels.sweep(
             *points,
             first,
             last,
@@ -296,6 +297,7 @@ class Sweeper:
             statistics,
             above,
             histogram,
+            self._scratch(),
         )
         box = np.array([d.box_volume for d in designs])
         # An empty box is a single point repeated: nothing of it counts as reachable.
@@ -354,9 +356,10 @@ class Sweeper:
 
         def evaluate(start: int) -> None:
             part = slice(start, min(start + step, size))
-            self._module.field(
-                np.ascontiguousarray(poses[:, part]), constants, margin[part], lci[part]
-            )
+            self._kernels.field(
+                np.ascontiguousarray(poses[:, part]), constants, margin[part], lci[part],
+                self._scratch(),
+            )  # fmt: skip
 
         for _ in ordered_map(evaluate, range(0, size, step), self.threads):
             pass
@@ -373,7 +376,7 @@ class Sweeper:
         def evaluate(start: int) -> None:
             part = slice(start, min(start + step, size))
             found = np.empty((len(facts), part.stop - start))
-            self._module.probe(np.ascontiguousarray(poses[:, part]), constants, found)
+            self._kernels.probe(np.ascontiguousarray(poses[:, part]), constants, found)
             facts[:, part] = found
 
         for _ in ordered_map(evaluate, range(0, size, step), self.threads):
@@ -391,8 +394,14 @@ class Sweeper:
     ) -> NDArray[np.float64]:
         """Return the points ``first .. last - 1`` of the first replicate, shape (d, N)."""
         poses = np.empty((len(design.width), last - first))
-        self._module.points(*points, first, last, design.lower, design.width, poses)
+        self._kernels.points(
+            *points, first, last, design.lower, design.width, poses, self._scratch()
+        )
         return poses
+
+    def _scratch(self) -> NDArray[np.float64]:
+        """Return block buffers for one call of an entry."""
+        return np.empty((self._recipe.scratch_rows, sequences.BLOCK))
 
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:

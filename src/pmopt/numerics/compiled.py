@@ -48,8 +48,9 @@ class Entry(NamedTuple):
     name : str
     arguments : tuple of str
         ``"int64"``, ``"uint64"``, ``"float64"`` or one of them with ``"[:]"``, ``"[:,:]"``, ..
-        appended: a C-contiguous array. Entries return nothing (results go into arrays), allocate
-        nothing (scratch space is an argument) and raise nothing.
+        appended: a C-contiguous array. A number in place of a colon fixes the length of an axis, so
+        that the compiler knows where rows lie and that they do not overlap. Entries return nothing
+        (results go into arrays), allocate nothing (scratch space is an argument) and raise nothing.
     """
 
     name: str
@@ -191,10 +192,12 @@ def _object_code(entry: Entry, function: Any) -> bytes:
     for k, argument in enumerate(entry.arguments):
         kind, _, axes = argument.partition("[")
         if axes:
-            shape = [f"n{k}_{a}" for a in range(axes.count(":"))]
+            given = axes.rstrip("]").split(",")
+            shape = [f"n{k}_{a}" for a in range(len(given))]
             signature += [types.CPointer(kinds[kind]), *(types.int64 for _ in shape)]
             names += [f"p{k}", *shape]
-            views.append(f"carray(p{k}, ({', '.join(shape)},))")
+            fixed = [n if g == ":" else g for n, g in zip(shape, given, strict=True)]
+            views.append(f"carray(p{k}, ({', '.join(fixed)},))")
         else:
             signature.append(kinds[kind])
             names.append(f"p{k}")
@@ -256,22 +259,28 @@ def _caller(entry: Entry, address: int) -> Callable[..., None]:
     """Return a function that passes numbers and arrays to an entry; it releases the GIL."""
     scalars = {"int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double}
     types: list[Any] = []
-    arrays: list[tuple[np.dtype[Any], int] | None] = []
+    arrays: list[tuple[np.dtype[Any], tuple[int | None, ...]] | None] = []
     for argument in entry.arguments:
         kind, _, axes = argument.partition("[")
-        rank = axes.count(":")
-        types += [ctypes.c_void_p, *[ctypes.c_int64] * rank] if rank else [scalars[kind]]
-        arrays.append((np.dtype(kind), rank) if rank else None)
+        if not axes:
+            types.append(scalars[kind])
+            arrays.append(None)
+            continue
+        shape = tuple(None if n == ":" else int(n) for n in axes.rstrip("]").split(","))
+        types += [ctypes.c_void_p, *[ctypes.c_int64] * len(shape)]
+        arrays.append((np.dtype(kind), shape))
     pointer = ctypes.CFUNCTYPE(None, *types)(address)
 
     def call(*arguments: Any) -> None:
         passed: list[Any] = []
-        for value, array in zip(arguments, arrays, strict=True):
+        for value, array, stated in zip(arguments, arrays, entry.arguments, strict=True):
             if array is None:
                 passed.append(value)
                 continue
-            if (value.dtype, value.ndim) != array or not value.flags.c_contiguous:
-                raise TypeError(f"{entry.name}: a C-contiguous array of {array} is needed")
+            kind, shape = array
+            fits = value.dtype == kind and value.ndim == len(shape) and value.flags.c_contiguous
+            if not fits or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True)):
+                raise TypeError(f"{entry.name}: a C-contiguous {stated} is needed")
             passed += [value.ctypes.data, *value.shape]
         pointer(*passed)
 

@@ -29,6 +29,14 @@ C13 = 5.576785718739665e-09
 C14 = -1.707050210994795e-09
 
 TINY = 1e-300
+#: Relative separation of eigenvalues of A A^T below which the closed forms lose digits: they lose
+#: the inverse of its root, 3 of 16.
+DOUBT = 1e-5
+#: Squared cosine of the angle between columns below which one more turn leaves cosines below 1e-13:
+#: rotations converge quadratically.
+ORTHOGONAL = 1e-13
+#: Most sweeps of rotations; columns that are rounding errors of larger ones never come to rest.
+MOST_SWEEPS = 12
 
 
 def cos_third(cos_angle):
@@ -60,9 +68,10 @@ def inverse_condition_2(a, b, c, d, e, f, g, h, i):
     The largest eigenvalue l1 of A A^T is well conditioned and comes from the trigonometric
     formula; the others follow from l1 l2 l3 = det(A)^2 and
     l1 (l2 + l3) + l2 l3 = |adj A|_F^2, which keep their relative accuracy near singularity
-    where the characteristic polynomial of A A^T loses it.
-    Largest error measured against LAPACK: 3e-8, where the two largest singular values coincide.
-    A zero matrix gives 0.
+    where the characteristic polynomial of A A^T loses it. That takes the larger two or the smaller
+    two singular values to be apart, and the second not to be much smaller than the first: where
+    they are not by a share of DOUBT, digits would be lost and -1 is returned; see
+    :func:`careful_condition_2`. A zero matrix gives -1 too.
     """
     g11 = a * a + b * b + c * c
     g22 = d * d + e * e + f * f
@@ -103,18 +112,73 @@ def inverse_condition_2(a, b, c, d, e, f, g, h, i):
     inverse_l1 = 1.0 / (l1 + TINY)
     product = det * det * inverse_l1
     half_sum = 0.5 * (minors - product) * inverse_l1
-    gap = half_sum * half_sum - product
-    gap = gap if gap > 0.0 else 0.0
-    l2 = half_sum + math.sqrt(gap)
-    l2 = l2 if l2 < l1 else l1
+    square = half_sum * half_sum
+    gap = square - product
+    l2 = half_sum + math.sqrt(gap if gap > 0.0 else 0.0)
     l3 = product / (l2 + TINY)
-    # Near rank one l2 and l3 are rounding errors: what remains certain is their order.
-    l3 = l3 if l3 < l2 else l2
-    return math.sqrt(l3 * inverse_l1)
+    # Written so that NaN is a doubt too.
+    sure = ratio > DOUBT - 1.0 and gap > DOUBT * square and l2 > DOUBT * l1
+    return math.sqrt(l3 * inverse_l1) if sure else -1.0
+
+
+def careful_condition_2(a, b, c, d, e, f, g, h, i):
+    """Return smallest over largest singular value by one-sided Jacobi rotations; 0 for zero."""
+    s1, s2, s3 = orthogonal_squares(a, b, c, d, e, f, g, h, i)
+    return math.sqrt(min(s1, s2, s3) / (max(s1, s2, s3) + TINY))
+
+
+def careful_condition_fro(a, b, c, d, e, f, g, h, i):
+    """Return 1 / (|A|_F |A^-1|_F) by one-sided Jacobi rotations; 0 for a zero matrix."""
+    s1, s2, s3 = orthogonal_squares(a, b, c, d, e, f, g, h, i)
+    total = s1 + s2 + s3
+    inverse = 1.0 / (s1 + TINY) + 1.0 / (s2 + TINY) + 1.0 / (s3 + TINY)
+    return 1.0 / math.sqrt(total * inverse) if total > 0.0 else 0.0
+
+
+def orthogonal_squares(a, b, c, d, e, f, g, h, i):
+    """Return the squared singular values: of the columns, rotated until they are orthogonal."""
+    largest = max(abs(a), abs(b), abs(c), abs(d), abs(e), abs(f), abs(g), abs(h), abs(i))
+    unit = 1.0 / (largest + TINY)
+    a, b, c, d, e, f, g, h, i = (
+        a * unit, b * unit, c * unit, d * unit, e * unit, f * unit, g * unit, h * unit, i * unit,
+    )  # fmt: skip
+    for _ in range(MOST_SWEEPS):
+        a, d, g, b, e, h, first = rotated(a, d, g, b, e, h)
+        a, d, g, c, f, i, second = rotated(a, d, g, c, f, i)
+        b, e, h, c, f, i, third = rotated(b, e, h, c, f, i)
+        if first + second + third == 0:
+            break
+    return a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i
+
+
+def rotated(x1, x2, x3, y1, y2, y3):
+    """Return two columns turned to be orthogonal, and whether they had been far from it."""
+    pp = x1 * x1 + x2 * x2 + x3 * x3
+    qq = y1 * y1 + y2 * y2 + y3 * y3
+    pq = x1 * y1 + x2 * y2 + x3 * y3
+    c, s = rotation_of(pp, qq, pq)
+    return (
+        c * x1 - s * y1, c * x2 - s * y2, c * x3 - s * y3,
+        s * x1 + c * y1, s * x2 + c * y2, s * x3 + c * y3,
+        1 if pq * pq > ORTHOGONAL * pp * qq else 0,
+    )  # fmt: skip
+
+
+def rotation_of(pp, qq, pq):
+    """Return cosine and sine of the turn that makes two columns orthogonal."""
+    gap = qq - pp
+    twice = 2.0 * pq
+    t = twice / (abs(gap) + math.sqrt(gap * gap + twice * twice) + TINY)
+    t = t if gap >= 0.0 else -t
+    c = 1.0 / math.sqrt(1.0 + t * t)
+    return c, c * t
 
 
 def inverse_condition_fro(a, b, c, d, e, f, g, h, i):
-    """Return 1 / (|A|_F |A^-1|_F) of [[a, b, c], [d, e, f], [g, h, i]]; 1/3 at isotropy."""
+    """Return 1 / (|A|_F |A^-1|_F) of [[a, b, c], [d, e, f], [g, h, i]]; 1/3 at isotropy.
+
+    -1 where digits would be lost; see :func:`careful_condition_fro`.
+    """
     m11 = e * i - f * h
     m12 = f * g - d * i
     m13 = d * h - e * g
@@ -131,17 +195,13 @@ def inverse_condition_fro(a, b, c, d, e, f, g, h, i):
         + m31 * m31 + m32 * m32 + m33 * m33
     )  # fmt: skip
     norm2 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
-    result = abs(det) / math.sqrt(norm2 * minors + TINY)
-    # At most the second over the largest singular value; near rank one det is a rounding error.
-    bound = 3.0 * math.sqrt(minors) / (norm2 + TINY)
-    return result if result < bound else bound
+    # Near rank one the minors are rounding errors.
+    sure = minors > DOUBT * norm2 * norm2
+    return abs(det) / math.sqrt(norm2 * minors + TINY) if sure else -1.0
 
 
 #: Rows of the matrices, written into the specialised module.
 ORDER = 4
-#: Sweeps of Jacobi rotations. They converge quadratically: after five the index differs from
-#: LAPACK's by at most 4e-16 for n = 4 and 8e-13 for n = 5, on random matrices.
-JACOBI_SWEEPS = 5
 
 
 def orthogonalise(work, count):
@@ -150,7 +210,8 @@ def orthogonalise(work, count):
     ``work`` (ORDER**2, B) holds the entries row by row, a column a point: the loop over points is
     the inner one and is vectorised.
     """
-    for _ in range(JACOBI_SWEEPS):
+    for _ in range(MOST_SWEEPS):
+        turned = 0
         for p in range(ORDER - 1):
             for q in range(p + 1, ORDER):
                 for i in range(count):
@@ -163,18 +224,15 @@ def orthogonalise(work, count):
                         pp += x * x
                         qq += y * y
                         pq += x * y
-                    gap = qq - pp
-                    twice = 2.0 * pq
-                    root = math.sqrt(gap * gap + twice * twice)
-                    t = twice / (abs(gap) + root + TINY)
-                    t = t if gap >= 0.0 else -t
-                    c = 1.0 / math.sqrt(1.0 + t * t)
-                    s = c * t
+                    c, s = rotation_of(pp, qq, pq)
+                    turned += 1 if pq * pq > ORTHOGONAL * pp * qq else 0
                     for r in range(ORDER):
                         x = work[r * ORDER + p, i]
                         y = work[r * ORDER + q, i]
                         work[r * ORDER + p, i] = c * x - s * y
                         work[r * ORDER + q, i] = s * x + c * y
+        if turned == 0:
+            break
 
 
 def inverse_conditions_2(work, count, lci):
@@ -204,4 +262,4 @@ def inverse_conditions_fro(work, count, lci):
                 square += work[r * ORDER + q, i] * work[r * ORDER + q, i]
             total += square
             inverse += 1.0 / (square + TINY)
-        lci[i] = 1.0 / math.sqrt(total * inverse + TINY)
+        lci[i] = 1.0 / math.sqrt(total * inverse + TINY) if total > 0.0 else 0.0

@@ -1,35 +1,26 @@
-"""Make, cache and load the compiled sweep of one mechanism.
+"""Make the text of the compiled sweep of one mechanism.
 
-A specialised module is ONE file of source text: the kernel, the conditioning function, their
-constants and helpers and the functions of :mod:`pmopt.numerics.sweep`, copied from their
-sources. The file lies in a folder named after the hash of that text, the versions of numba and
-NumPy, and the processor. numba keeps its machine code beside it. An edit anywhere changes the
-text, hence the folder: machine code can not go stale.
+A specialised module is ONE source text: the kernel, the conditioning function, their constants and
+helpers and the functions of :mod:`pmopt.numerics.sweep`, copied from their sources.
+:mod:`pmopt.numerics.compiled` compiles and keeps it.
 """
 
 from __future__ import annotations
 
 import ast
-import atexit
-import hashlib
-import importlib.util
 import inspect
 import math
-import os
-import shutil
-import sys
-import tempfile
 import textwrap
 from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pmopt.numerics import clearance, condition, sweep
+from pmopt.numerics.compiled import Compiled, Entry
 
 CONDITIONING = {"2": condition.inverse_condition_2, "fro": condition.inverse_condition_fro}
+CAREFUL = {"2": condition.careful_condition_2, "fro": condition.careful_condition_fro}
 BLOCK_CONDITIONING = {"2": condition.inverse_conditions_2, "fro": condition.inverse_conditions_fro}
 #: Numbers that follow the kernel's constants where there are checks: squared least distances of
 #: limbs and of limbs to the platform, least cosine of cone angles, tool point in the platform's
@@ -44,10 +35,11 @@ PLACE = 12
 _INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
 _FORCE = '@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")'
 _SMALL = 5000
-_ENTRY = '@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")'
+_PLAIN = '@njit(fastmath={"contract"}, error_model="numpy")'
+_STUBS = ("margin_of", "index_block", "facts_of", "unpack", "FACTS", "ORDER", "AXES")
+_SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
+_TABLE = "float64[:,:]"
 _ENTRIES = ("sweep", "field", "points", "probe")
-_STUBS = ("margin_of", "index_block", "facts_of", "unpack", "WORK", "FACTS", "ORDER")
-_FIXED_TIME = 1_000_000_000  # numba checks the file's time stamp: the same text, the same stamp
 
 
 class Recipe(NamedTuple):
@@ -89,18 +81,29 @@ class Recipe(NamedTuple):
         """Length of what a probe tells of a pose."""
         return 1 + self.order**2 + PLACE + 6 * len(self.segments) + self.cones
 
+    @property
+    def scratch_rows(self) -> int:
+        """Rows of BLOCK numbers that a sweep needs for itself."""
+        return self.pose_size + 2 + self.order**2
 
-_loaded: dict[Recipe, ModuleType] = {}
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The functions of :mod:`pmopt.numerics.sweep` with the types of their arguments."""
+        scratch = f"float64[{self.scratch_rows},{sweep.BLOCK}]"
+        return (
+            Entry("sweep", (
+                *_SEQUENCE, "int64", "int64", _TABLE, _TABLE, _TABLE, "float64", "float64[:]",
+                "float64[:,:,:]", "int64[:,:,:]", "int64[:,:,:]", scratch,
+            )),
+            Entry("field", (_TABLE, "float64[:]", "float64[:]", "float64[:]", scratch)),
+            Entry("points", (
+                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", _TABLE, scratch,
+            )),
+            Entry("probe", (_TABLE, "float64[:]", _TABLE)),
+        )  # fmt: skip
 
 
-def cache_root() -> Path:
-    """Return the folder of compiled kernels: ``$PMOPT_CACHE_DIR`` or the user's cache folder."""
-    given = os.environ.get("PMOPT_CACHE_DIR")
-    if given:
-        return Path(given)
-    from platformdirs import user_cache_path
-
-    return user_cache_path("pmopt", appauthor=False)
+_loaded: dict[Recipe, Compiled] = {}
 
 
 def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
@@ -118,7 +121,8 @@ def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
         elif value is not math and value is not np:
             raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
     source = textwrap.dedent(inspect.getsource(function))
-    text = f"{_ENTRY if function.__name__ in _ENTRIES else _INLINE}\n{source}"
+    # Entries are compiled into the one function that calls them, where rows lie at known places.
+    text = f"{_FORCE if function.__name__ in _ENTRIES else _INLINE}\n{source}"
     if blocks.setdefault(function.__name__, text) != text:
         raise TypeError(f"two kernel functions are named {function.__name__}")
 
@@ -135,12 +139,14 @@ def module_text(recipe: Recipe) -> str:
     count = recipe.constant_count + (CHECK_CONSTANTS if recipe.checks else 0)
     blocks: dict[str, str] = {}
     blocks["ORDER"] = f"ORDER = {order}"
-    blocks["WORK"] = f"WORK = {0 if order == 3 else order**2}"
+    blocks["AXES"] = f"AXES = {recipe.pose_size}"
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
     _collect(kernel, blocks)
     _collect(recipe.skeleton, blocks)
     own_length = sum(map(len, blocks.values()))
     _collect(conditioning, blocks)
+    if order == 3:
+        _collect(CAREFUL[recipe.norm], blocks)
     _collect(clearance.segment_distance2, blocks)
     pose = ", ".join(f"pose[{d}, i]" for d in range(recipe.pose_size))
     entries = [f"result[{1 + e}]" for e in range(order**2)]
@@ -154,7 +160,19 @@ def module_text(recipe: Recipe) -> str:
     )
     head = "def index_block(pose, count, constants, work, lci):\n    for i in range(count):\n"
     if order == 3:
-        body = f"        lci[i] = {conditioning.__name__}({', '.join(entries)})\n"
+        blocks["careful_index"] = (
+            f"{_PLAIN}\ndef careful_index(pose, i, constants):\n    result = {call}\n"
+            f"    return {CAREFUL[recipe.norm].__name__}({', '.join(entries)})\n"
+        )
+        body = f"        lci[i] = {conditioning.__name__}({', '.join(entries)})\n" + (
+            "    doubtful = 0\n"
+            "    for i in range(count):\n"
+            "        doubtful += 1 if lci[i] < 0.0 else 0\n"
+            "    if doubtful > 0:\n"
+            "        for i in range(count):\n"
+            "            if lci[i] < 0.0:\n"
+            "                lci[i] = careful_index(pose, i, constants)\n"
+        )
     else:
         body = "".join(f"        work[{e}, i] = {text}\n" for e, text in enumerate(entries))
         body += f"    {conditioning.__name__}(work, count, lci)\n"
@@ -215,83 +233,19 @@ def _checks(recipe: Recipe, pose: str) -> str:
     return "".join(f"    {line}\n" for line in lines)
 
 
-def _digest(text: str) -> str:
-    import llvmlite
-    import llvmlite.binding as llvm
-    import numba
+def specialise(recipe: Recipe, on_compile: Callable[[], None] | None = None) -> Compiled:
+    """Return the compiled ``sweep``, ``field``, ``points`` and ``probe`` of a recipe.
 
-    llvm_features = llvm.get_host_cpu_features().flatten()
-    parts = (
-        text,
-        numba.__version__,
-        llvmlite.__version__,
-        np.__version__,
-        sys.version,
-        llvm.get_host_cpu_name(),
-        llvm_features,
-    )
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:20]
-
-
-def _place(text: str, folder: Path) -> Path:
-    """Write the module's text into the folder, whole or not at all, and return its path."""
-    path = folder / "specialised.py"
-    try:
-        if path.read_text(encoding="utf-8") == text:
-            return path
-    except OSError:
-        pass
-    folder.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=folder, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.utime(temporary, (_FIXED_TIME, _FIXED_TIME))
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    return path
-
-
-def is_compiled(folder: Path) -> bool:
-    """Return whether numba has kept machine code for the sweep in this folder."""
-    return any(folder.glob("**/specialised.sweep-*.nbc"))
-
-
-def specialise(recipe: Recipe, on_compile: Callable[[], None] | None = None) -> ModuleType:
-    """Return the compiled module with ``sweep``, ``field``, ``points`` and ``probe``.
-
-    Compiled once per machine and kernel text. A cache folder that can not be written costs
-    time, not results: the module is then compiled from a temporary folder.
+    Each is compiled once per machine and kernel text, when it is first called.
 
     Parameters
     ----------
     recipe : Recipe
     on_compile : callable, optional
-        Called before a compilation that will take seconds.
+        Called before a compilation, which takes seconds.
     """
-    if recipe in _loaded:
-        return _loaded[recipe]
-    text = module_text(recipe)
-    digest = _digest(text)
-    folder = cache_root() / digest
-    try:
-        path = _place(text, folder)
-        if not os.access(folder, os.W_OK):
-            raise PermissionError(folder)
-    except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="pmopt-kernels-"))
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        path = _place(text, folder)
-    if on_compile is not None and not is_compiled(folder):
-        on_compile()
-    name = f"pmopt_specialised_{digest}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:  # pragma: no cover - a file path always has a loader
-        raise ImportError(name)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    _loaded[recipe] = module
-    return module
+    if recipe not in _loaded:
+        _loaded[recipe] = Compiled(module_text(recipe), recipe.entries)
+    found = _loaded[recipe]
+    found.on_compile = on_compile
+    return found

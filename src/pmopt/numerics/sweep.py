@@ -2,8 +2,8 @@
 
 The functions below are plain Python. :mod:`pmopt.numerics.specialise` copies their source,
 with a mechanism's kernel and a conditioning function in place of the stubs, into one
-self-contained module and compiles that. They hold no lock, allocate a few block buffers per
-call and nothing per point, and never raise: the caller checks its arguments.
+self-contained module that is compiled. They hold no lock, allocate nothing (block buffers are
+arguments) and never raise: the caller checks its arguments.
 
 Reductions: points are taken in blocks of fixed length in order of their index, so that the sums
 of a call depend on its arguments alone. Sums of several calls are added by the caller in order.
@@ -34,7 +34,7 @@ def margin_of(pose, i, constants):
 def index_block(pose, count, constants, work, lci):
     """Stub: write the local conditioning indices of ``count`` poses of a block.
 
-    ``work`` (WORK, BLOCK) is scratch space.
+    ``work`` is scratch space, a row for each entry of the Jacobian.
     """
     raise NotImplementedError
 
@@ -44,8 +44,8 @@ def facts_of(pose, i, constants):
     raise NotImplementedError
 
 
-#: Stub: rows of scratch space that the conditioning needs.
-WORK = 0
+#: Stub: coordinates of a pose.
+AXES = 0
 #: Stub: length of the tuple of ``facts_of``.
 FACTS = 0
 
@@ -125,7 +125,7 @@ def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
 
 def sweep(
     kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci, edges,
-    statistics, region_counts, histogram,
+    statistics, region_counts, histogram, scratch,
 ):  # fmt: skip
     """Sum over the points ``first .. last - 1`` of every replicate, for every design.
 
@@ -148,13 +148,15 @@ def sweep(
         Points with an index of at least the edge.
     histogram : (D, R, b) int64
         Counts in b equal bins of [0, 1]; b = 0 for none.
+    scratch : (rows, BLOCK) float64
+        Overwritten; see ``Recipe.scratch_rows``.
     """
-    dimension = lower.shape[1]
     bins = histogram.shape[2]
-    pose = np.empty((dimension, BLOCK))
-    margin = np.empty(BLOCK)
-    lci = np.empty(BLOCK)
-    work = np.empty((WORK, BLOCK))
+    # At known places, so that the compiler sees that nothing overlaps.
+    pose = scratch[:AXES]
+    margin = scratch[AXES]
+    lci = scratch[AXES + 1]
+    work = scratch[AXES + 2 :]
     for design in range(constants.shape[0]):
         k = unpack(constants[design])
         for replicate in range(start.shape[0]):
@@ -178,7 +180,7 @@ def sweep(
                     margin[i] = margin_of(pose, i, k)
                 kept = 0
                 for i in range(count):
-                    for d in range(dimension):
+                    for d in range(AXES):
                         pose[d, kept] = pose[d, i]
                     if margin[i] >= 0.0:
                         kept += 1
@@ -232,27 +234,33 @@ def sweep(
             row[WITHIN] = within
 
 
-def field(poses, constants, margin, lci):
+def field(poses, constants, margin, lci, scratch):
     """Evaluate given poses: ``poses`` (d, N), results ``margin`` (N,) and ``lci`` (N,).
 
     The index is evaluated outside the limits too, where it continues the inside (0 out of reach).
     """
     k = unpack(constants)
-    work = np.empty((WORK, BLOCK))
-    for i in range(poses.shape[1]):
-        margin[i] = margin_of(poses, i, k)
+    pose = scratch[:AXES]
+    work = scratch[AXES:]
     for first in range(0, poses.shape[1], BLOCK):
         count = min(BLOCK, poses.shape[1] - first)
-        index_block(poses[:, first : first + count], count, k, work, lci[first : first + count])
+        for d in range(AXES):
+            for i in range(count):
+                pose[d, i] = poses[d, first + i]
+        for i in range(count):
+            margin[first + i] = margin_of(pose, i, k)
+        index_block(pose, count, k, work, lci[first : first + count])
 
 
-def points(kind, step, start, high, low, cells, first, last, lower, width, poses):
+def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):
     """Write the points ``first .. last - 1`` of the first replicate into ``poses`` (d, N)."""
-    pose = np.empty((poses.shape[0], BLOCK))
+    pose = scratch[:AXES]
     for block in range(first, last, BLOCK):
         count = min(BLOCK, last - block)
         fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
-        poses[:, block - first : block - first + count] = pose[:, :count]
+        for d in range(AXES):
+            for i in range(count):
+                poses[d, block - first + i] = pose[d, i]
 
 
 def probe(poses, constants, facts):

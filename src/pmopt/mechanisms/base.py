@@ -315,6 +315,14 @@ class Mechanism(ABC):
         ``length`` is the characteristic length, 1 for the raw Jacobian.
         """
 
+    def idle_slacks(self, limits: Ranges) -> frozenset[int]:
+        """Return the numbers of those slacks of the kernel's margin that the limits can not touch.
+
+        Counted in the order in which the kernel takes their minimum. What is proven of a workspace
+        leaves them out.
+        """
+        return frozenset()
+
     # -- shared by all mechanisms --------------------------------------------------------
 
     def homogenizing(self, length: float) -> tuple[Vector, Vector]:

@@ -428,10 +428,18 @@ class PauuPpap(Mechanism):
             least = -2 * l1 if half >= math.pi else l1 * math.cos(half)
             arcs += [math.cos(middle), math.sin(middle), least]
         return [
-            m - n, 2 * c, l1, l1**2 - l2**2, s1, s2, length, math.inf if top is None else top,
-            *arcs, *limits.get("d", (-math.inf, math.inf)),
+            m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,
+            math.inf if top is None else top, *arcs, *limits.get("d", (-math.inf, math.inf)),
             n, *self._references(parameters, working_mode),
         ]  # fmt: skip
+
+    def idle_slacks(self, limits: Ranges) -> frozenset[int]:
+        """Return the cranks' slacks, 3 and 4, where they may turn in full."""
+        return frozenset(
+            3 + k
+            for k, joint in enumerate(("theta1", "theta2"))
+            if np.ptp(limits.get(joint, (-math.pi, math.pi))) >= 2 * math.pi
+        )
 
     def _references(self, parameters: Parameters, mode: str) -> list[float]:
         """Return x and z of both links at home (y is 0 there), divided by l2^2."""

@@ -62,152 +62,157 @@ def evaluate(steps, values, results, inputs, constants, work, found):
         lanes = min(LANES, count - start)
         for o in range(steps.shape[0]):
             op = steps[o, 0]
-            v = work[o]
-            x = work[steps[o, 1]] if op > 2 else work[o]
-            y = work[steps[o, 2]] if op > 2 else work[o]
+            x = steps[o, 1]
+            y = steps[o, 2]
             if op == 0:  # INPUT
-                source = inputs[steps[o, 1]]
                 for k in range(d + 2):
                     for i in range(lanes):
-                        v[k, i] = source[k, start + i]
+                        work[o, k, i] = inputs[x, k, start + i]
             elif op <= 2:  # CONSTANT, LITERAL
-                value = constants[steps[o, 1], 0] if op == 1 else values[o]
-                error = constants[steps[o, 1], 1] if op == 1 else 0.0
+                value = constants[x, 0] if op == 1 else values[o]
+                error = constants[x, 1] if op == 1 else 0.0
                 for i in range(lanes):
-                    v[0, i] = value
-                    v[rem, i] = error
+                    work[o, 0, i] = value
+                    work[o, rem, i] = error
                 for k in range(1, d + 1):
                     for i in range(lanes):
-                        v[k, i] = 0.0
+                        work[o, k, i] = 0.0
             elif op == 3 or op == 4:  # ADD, SUB
                 sign = 1.0 if op == 3 else -1.0
                 for i in range(lanes):
-                    v[0, i] = x[0, i] + sign * y[0, i]
-                    v[dev, i] = abs(v[0, i])
+                    work[o, 0, i] = work[x, 0, i] + sign * work[y, 0, i]
+                    work[o, dev, i] = abs(work[o, 0, i])
                 for k in range(1, d + 1):
                     for i in range(lanes):
-                        v[k, i] = x[k, i] + sign * y[k, i]
-                        v[dev, i] += abs(v[k, i])
+                        work[o, k, i] = work[x, k, i] + sign * work[y, k, i]
+                        work[o, dev, i] += abs(work[o, k, i])
                 for i in range(lanes):
-                    v[rem, i] = (x[rem, i] + y[rem, i] + EPS * v[dev, i]) * UP
+                    work[o, rem, i] = (
+                        work[x, rem, i] + work[y, rem, i] + EPS * work[o, dev, i]
+                    ) * UP
             elif op == 5:  # SCALE
                 factor = values[o]
                 for k in range(d + 1):
                     for i in range(lanes):
-                        v[k, i] = factor * x[k, i]
+                        work[o, k, i] = factor * work[x, k, i]
                 for i in range(lanes):
-                    size = abs(x[0, i]) + x[dev, i]
-                    v[rem, i] = (abs(factor) * (x[rem, i] + EPS * size)) * UP + LEAST
+                    size = abs(work[x, 0, i]) + work[x, dev, i]
+                    work[o, rem, i] = (abs(factor) * (work[x, rem, i] + EPS * size)) * UP + LEAST
             elif op == 6:  # MUL
                 for i in range(lanes):
-                    v[0, i] = x[0, i] * y[0, i]
+                    work[o, 0, i] = work[x, 0, i] * work[y, 0, i]
                 for k in range(1, d + 1):
                     for i in range(lanes):
-                        v[k, i] = x[0, i] * y[k, i] + y[0, i] * x[k, i]
+                        work[o, k, i] = (
+                            work[x, 0, i] * work[y, k, i] + work[y, 0, i] * work[x, k, i]
+                        )
                 for i in range(lanes):
-                    ax = abs(x[0, i])
-                    ay = abs(y[0, i])
-                    size = (ax + x[dev, i]) * (ay + y[dev, i])
-                    r = ax * y[rem, i] + ay * x[rem, i] + x[dev, i] * y[dev, i]
-                    v[rem, i] = (r + 2.0 * EPS * size) * UP + LEAST
+                    ax = abs(work[x, 0, i])
+                    ay = abs(work[y, 0, i])
+                    size = (ax + work[x, dev, i]) * (ay + work[y, dev, i])
+                    r = (
+                        ax * work[y, rem, i]
+                        + ay * work[x, rem, i]
+                        + work[x, dev, i] * work[y, dev, i]
+                    )
+                    work[o, rem, i] = (r + 2.0 * EPS * size) * UP + LEAST
             elif op == 7:  # SQUARE: what is beyond the linear part lies in [0, D^2]
                 for i in range(lanes):
-                    half = 0.5 * x[dev, i] * x[dev, i]
-                    v[0, i] = x[0, i] * x[0, i] + half
-                    size = abs(x[0, i]) + x[dev, i]
-                    r = 2.0 * abs(x[0, i]) * x[rem, i] + half
-                    v[rem, i] = (r + 2.0 * EPS * size * size) * UP + LEAST
+                    half = 0.5 * work[x, dev, i] * work[x, dev, i]
+                    work[o, 0, i] = work[x, 0, i] * work[x, 0, i] + half
+                    size = abs(work[x, 0, i]) + work[x, dev, i]
+                    r = 2.0 * abs(work[x, 0, i]) * work[x, rem, i] + half
+                    work[o, rem, i] = (r + 2.0 * EPS * size * size) * UP + LEAST
                 for k in range(1, d + 1):
                     for i in range(lanes):
-                        v[k, i] = 2.0 * x[0, i] * x[k, i]
+                        work[o, k, i] = 2.0 * work[x, 0, i] * work[x, k, i]
             elif op == 8:  # SQRT
                 for i in range(lanes):
-                    slack = 2.0 * EPS * (abs(x[0, i]) + x[dev, i]) + LEAST
-                    low = x[0, i] - x[dev, i] - slack
-                    high = x[0, i] + x[dev, i] + slack
+                    slack = 2.0 * EPS * (abs(work[x, 0, i]) + work[x, dev, i]) + LEAST
+                    low = work[x, 0, i] - work[x, dev, i] - slack
+                    high = work[x, 0, i] + work[x, dev, i] + slack
                     if low > 0.02 * high:
                         # sqrt(c + t) = s + t / 2s - t^2 / (2 s (s + sqrt(c + t))^2)
-                        s = math.sqrt(x[0, i])
+                        s = math.sqrt(work[x, 0, i])
                         slope = 0.5 / s
                         both = s + math.sqrt(low)
-                        bend = x[dev, i] * x[dev, i] * slope / (both * both)
-                        v[0, i] = s - 0.5 * bend
+                        bend = work[x, dev, i] * work[x, dev, i] * slope / (both * both)
+                        work[o, 0, i] = s - 0.5 * bend
                         for k in range(1, d + 1):
-                            v[k, i] = slope * x[k, i]
-                        size = s + slope * x[dev, i] + bend
-                        r = slope * x[rem, i] + 0.5 * bend + 4.0 * EPS * size
-                        v[rem, i] = r * UP + LEAST
+                            work[o, k, i] = slope * work[x, k, i]
+                        size = s + slope * work[x, dev, i] + bend
+                        r = slope * work[x, rem, i] + 0.5 * bend + 4.0 * EPS * size
+                        work[o, rem, i] = r * UP + LEAST
                     else:
                         least = math.sqrt(low) if low > 0.0 else 0.0
                         most = math.sqrt(high) if not high < 0.0 else 0.0
-                        v[0, i] = 0.5 * (least + most)
+                        work[o, 0, i] = 0.5 * (least + most)
                         for k in range(1, d + 1):
-                            v[k, i] = 0.0
-                        v[rem, i] = (0.5 * (most - least) + 4.0 * EPS * most) * UP + LEAST
+                            work[o, k, i] = 0.0
+                        work[o, rem, i] = (0.5 * (most - least) + 4.0 * EPS * most) * UP + LEAST
             elif op == 9:  # INVERSE
                 for i in range(lanes):
-                    size = abs(x[0, i])
-                    least = size - x[dev, i] - 2.0 * EPS * (size + x[dev, i])
+                    size = abs(work[x, 0, i])
+                    least = size - work[x, dev, i] - 2.0 * EPS * (size + work[x, dev, i])
                     if least > 0.0:
                         # 1 / (c + t) = 1/c - t / c^2 + t^2 / (c^2 (c + t))
-                        s = 1.0 / x[0, i]
+                        s = 1.0 / work[x, 0, i]
                         slope = s * s
-                        bend = x[dev, i] * x[dev, i] * slope / least
-                        v[0, i] = s + 0.5 * (bend if s > 0.0 else -bend)
+                        bend = work[x, dev, i] * work[x, dev, i] * slope / least
+                        work[o, 0, i] = s + 0.5 * (bend if s > 0.0 else -bend)
                         for k in range(1, d + 1):
-                            v[k, i] = -slope * x[k, i]
-                        size = abs(s) + slope * x[dev, i] + bend
-                        r = slope * x[rem, i] + 0.5 * bend + 4.0 * EPS * size
-                        v[rem, i] = r * UP + LEAST
+                            work[o, k, i] = -slope * work[x, k, i]
+                        size = abs(s) + slope * work[x, dev, i] + bend
+                        r = slope * work[x, rem, i] + 0.5 * bend + 4.0 * EPS * size
+                        work[o, rem, i] = r * UP + LEAST
                     else:
                         for k in range(d + 1):
-                            v[k, i] = 0.0
-                        v[rem, i] = np.inf
+                            work[o, k, i] = 0.0
+                        work[o, rem, i] = np.inf
             elif op == 10 or op == 11:  # SINE, COSINE
                 # sin(c + t) = sin c cos t + cos c sin t, cos t in [1 - D^2/2, 1],
                 # |sin t - t| <= D^3/6
                 for i in range(lanes):
-                    s, c = sin_cos(x[0, i])
+                    s, c = sin_cos(work[x, 0, i])
                     if op == 11:
                         s, c = c, -s
-                    dx = x[dev, i]
+                    dx = work[x, dev, i]
                     if not dx > 2.0:
                         bend = 0.25 * dx * dx
-                        v[0, i] = s * (1.0 - bend)
+                        work[o, 0, i] = s * (1.0 - bend)
                         for k in range(1, d + 1):
-                            v[k, i] = c * x[k, i]
-                        r = abs(c) * (x[rem, i] + dx * dx * dx / 6.0) + abs(s) * bend
+                            work[o, k, i] = c * work[x, k, i]
+                        r = abs(c) * (work[x, rem, i] + dx * dx * dx / 6.0) + abs(s) * bend
                         # The error of s and c, and what rounding adds.
                         r += (SINE_ERROR + 4.0 * EPS) * (1.0 + dx + bend)
-                        v[rem, i] = r * UP
+                        work[o, rem, i] = r * UP
                     else:
                         for k in range(d + 1):
-                            v[k, i] = 0.0
-                        v[rem, i] = 1.0
+                            work[o, k, i] = 0.0
+                        work[o, rem, i] = 1.0
             else:  # POSITIVE: x/2 + |x|/2
                 for i in range(lanes):
-                    size = abs(x[0, i]) + x[dev, i]
-                    if x[0, i] - x[dev, i] - 2.0 * EPS * size >= 0.0:
+                    size = abs(work[x, 0, i]) + work[x, dev, i]
+                    if work[x, 0, i] - work[x, dev, i] - 2.0 * EPS * size >= 0.0:
                         for k in range(d + 2):
-                            v[k, i] = x[k, i]
-                    elif x[0, i] + x[dev, i] + 2.0 * EPS * size <= 0.0:
+                            work[o, k, i] = work[x, k, i]
+                    elif work[x, 0, i] + work[x, dev, i] + 2.0 * EPS * size <= 0.0:
                         for k in range(d + 2):
-                            v[k, i] = 0.0
+                            work[o, k, i] = 0.0
                     else:
-                        v[0, i] = 0.5 * x[0, i] + 0.25 * size
+                        work[o, 0, i] = 0.5 * work[x, 0, i] + 0.25 * size
                         for k in range(1, d + 1):
-                            v[k, i] = 0.5 * x[k, i]
-                        v[rem, i] = (0.5 * x[rem, i] + 0.25 * size + EPS * size) * UP
+                            work[o, k, i] = 0.5 * work[x, k, i]
+                        work[o, rem, i] = (0.5 * work[x, rem, i] + 0.25 * size + EPS * size) * UP
             for i in range(lanes):
-                v[dev, i] = v[rem, i]
+                work[o, dev, i] = work[o, rem, i]
             for k in range(1, d + 1):
                 for i in range(lanes):
-                    v[dev, i] += abs(v[k, i])
+                    work[o, dev, i] += abs(work[o, k, i])
         for f in range(results.shape[0]):
-            v = work[results[f]]
             for k in range(d + 2):
                 for i in range(lanes):
-                    found[f, k, start + i] = v[k, i]
+                    found[f, k, start + i] = work[results[f], k, i]
 
 
 def half_space(offset, sizes, d):
@@ -284,7 +289,7 @@ def half_space(offset, sizes, d):
     return (low if low > 0.0 else 0.0), (high if high < 1.0 else 1.0)
 
 
-def shares(slacks, sizes, low, high, axes):
+def shares(slacks, sizes, low, high):
     """Write bounds of the share of each box in which all slacks are >= 0.
 
     Parameters
@@ -294,51 +299,39 @@ def shares(slacks, sizes, low, high, axes):
     sizes : (d,)
         Scratch space.
     low, high : (N,)
-    axes : (N,) int64
-        Coordinate that the slacks which are not settled depend on most.
     """
     d = slacks.shape[1] - 2
     for i in range(slacks.shape[2]):
-        least = 0.0  # what slacks cut off at most
+        lost = 0.0  # what the slacks cut off at most
         most = 1.0
-        weight = -1.0
-        axis = 0
         for s in range(slacks.shape[0]):
             centre = slacks[s, 0, i]
             r = slacks[s, d + 1, i]
             total = 0.0
             for k in range(d):
                 total += abs(slacks[s, k + 1, i])
-            edge = (r + 2.0 * EPS * (abs(centre) + total)) * UP
+            # The sum of the coefficients is told to d EPS of itself.
+            edge = (r + 8.0 * EPS * (abs(centre) + total)) * UP
             if centre - total - edge >= 0.0:
                 continue
             if centre + total + edge < 0.0:
                 most = 0.0
                 break
-            # The sum of the coefficients is told to d EPS of itself.
-            wide = (edge + 8.0 * EPS * (abs(centre) + total)) * UP
             for k in range(d):
                 sizes[k] = abs(slacks[s, k + 1, i])
-                if sizes[k] > weight * (total + r):
-                    weight = sizes[k] / (total + r)
-                    axis = k
-            inner, _ = half_space(centre - wide, sizes, d)
-            _, outer = half_space(centre + wide, sizes, d)
-            least += (1.0 - inner) * UP
+            inner, _ = half_space(centre - edge, sizes, d)
+            _, outer = half_space(centre + edge, sizes, d)
+            lost += (1.0 - inner) * UP
             most = outer if outer < most else most
-        if most == 0.0:
-            low[i] = 0.0
-        else:
-            inside = 1.0 - least * UP - EPS
-            low[i] = (inside if inside > 0.0 else 0.0) if least > 0.0 else 1.0
+        inside = 1.0 - lost * UP - EPS if lost > 0.0 else 1.0
+        low[i] = inside if inside > 0.0 and most > 0.0 else 0.0
         high[i] = most
-        axes[i] = axis
 
 
 _ENTRIES = (
     Entry("evaluate", ("int64[:,:]", "float64[:]", "int64[:]", "float64[:,:,:]", "float64[:,:]",
-                       "float64[:,:,:]", "float64[:,:,:]")),
-    Entry("shares", ("float64[:,:,:]", "float64[:]", "float64[:]", "float64[:]", "int64[:]")),
+                       f"float64[:,:,{LANES}]", "float64[:,:,:]")),
+    Entry("shares", ("float64[:,:,:]", "float64[:]", "float64[:]", "float64[:]")),
 )  # fmt: skip
 _NAMES = ("LANES", "EPS", "UP", "LEAST", "SINE_ERROR")
 _TRIGONOMETRY = ("TWO_OVER_PI", "HALF_PI_1", "HALF_PI_2", *(f"S{k}" for k in range(1, 7)),

@@ -248,7 +248,7 @@ class Graph:
             node = self.nodes[i]
             inner = node.operation > LITERAL
             first = place[node.first] if inner else max(node.first, 0)
-            second = place[node.second] if inner and node.second >= 0 else 0
+            second = place[node.second] if inner and node.second >= 0 else -1
             steps[k] = node.operation, first, second
             values[k] = node.value
         return Tape(steps, values, np.array([place[r.index] for r in results], dtype=np.int64))
@@ -260,7 +260,7 @@ class Tape(NamedTuple):
     Attributes
     ----------
     steps : (n, 3) int64
-        Operation and the places of its arguments.
+        Operation and the places of its arguments, -1 for none.
     values : (n,) float64
         Of literals, and the factors of SCALE.
     results : (m,) int64

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.enclosures import Enclosure
+from pmopt.analysis.enclosures import Enclosure, enclose
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
 from pmopt.analysis.workspace import index_note, mixed_units
@@ -162,10 +162,10 @@ def certify_volume(
     scale = Fraction(0)
     stopped: Stop = "gap"
     if found is None:
-        enclosure = Enclosure(mechanism, design, _announced(mechanism, notify))
+        enclosure = enclose(mechanism, design, _announced(notify))
         found, stopped = _enclose(enclosure, gap, began, time_budget, progress)
         scale = Fraction(1)
-        for width in design.width.tolist():
+        for width in enclosure.width.tolist():
             scale *= Fraction(width)
     low, high = found.bounds()
     lower, upper = _below(float(Fraction(low) * scale)), _above(float(Fraction(high) * scale))
@@ -242,14 +242,10 @@ def _enclose(
     progress: Progress | None,
 ) -> tuple[_Boxes, Stop]:
     """Bisect the boxes that leave most of the volume open until the gap is reached."""
-    dimension = len(enclosure.lower)
-    boxes = _Boxes(dimension)
-    centre, half = np.full((1, dimension), 0.5), np.full((1, dimension), 0.5)
-    for k in enclosure.mirrored():
-        centre[0, k], half[0, k] = 0.75, 0.25
-        boxes.weight *= 2.0
-    boxes.examined = 1
-    boxes.add([(centre, half, *enclosure.shares(centre, half))])
+    boxes = _Boxes(len(enclosure.lower))
+    centres, halves, boxes.weight = enclosure.first()
+    boxes.examined = len(centres)
+    boxes.add([(centres, halves, *enclosure.shares(centres, halves))])
     while True:
         low, high = boxes.bounds()
         reached = _relative(low, high)
@@ -320,7 +316,7 @@ def _prepared(
     return sweeper, sweeper.design(mechanism.resolve(params or {}))
 
 
-def _announced(mechanism: Mechanism, notify: Notify | None) -> Callable[[], None] | None:
+def _announced(notify: Notify | None) -> Callable[[], None] | None:
     if notify is None:
         return None
     return lambda: notify("compiling what proofs are evaluated with, once: some seconds")
@@ -461,7 +457,7 @@ def certify_claim(
     witness, index, examined, share = None, None, 0, 0.0
     reached: dict[str, bool] = {}
     if design.box_volume > 0:
-        search = _Search(mechanism, design, settings, _announced(mechanism, notify))
+        search = _Search(mechanism, design, settings, _announced(notify))
         verdict, stopped = search.run(began, time_budget, progress)
         witness, index = search.witness, search.witness_lci
         examined, share = search.examined, search.open_share
@@ -514,7 +510,7 @@ class _Search:
         settings: WorkspaceSettings,
         announced: Callable[[], None] | None,
     ) -> None:
-        self.enclosure = Enclosure(mechanism, design, announced)
+        self.enclosure = enclose(mechanism, design, announced)
         self.design = design
         self.norm = settings.norm
         self.least = settings.min_lci
@@ -528,10 +524,9 @@ class _Search:
         self, began: float, budget: float, progress: Progress | None
     ) -> tuple[Verdict, Literal["proven", "witness", "time budget", "boxes"]]:
         """Return the verdict and why the search ended."""
-        dimension = len(self.design.lower)
-        centres, halves = np.full((1, dimension), 0.5), np.full((1, dimension), 0.5)
+        centres, halves = self.enclosure.whole()
         while True:
-            parts = []
+            parts: list[tuple[Array, Array]] = []
             for start in range(0, len(centres), _BATCH):
                 if time.monotonic() - began > budget:
                     return "undecided", "time budget"

@@ -167,6 +167,31 @@ class Reach:
     reason: str
 
 
+@dataclass(frozen=True)
+class Implicit:
+    """Equations that a kernel solves, for proofs about its solution.
+
+    Attributes
+    ----------
+    unknowns : int
+        Number m of unknowns, angles not reduced to a turn.
+    inner : tuple of int
+        Numbers of the pose coordinates that the unknowns depend on.
+    residuals : callable
+        ``residuals(*pose, unknowns, constants)``: m expressions that vanish at the solution.
+    outcome : callable
+        ``outcome(*pose, unknowns, constants)``: what the kernel returns, at unknowns that solve.
+    start : callable
+        ``start(*pose, constants)``: the kernel's solution, m numbers.
+    """
+
+    unknowns: int
+    inner: tuple[int, ...]
+    residuals: Callable[..., tuple[Any, ...]]
+    outcome: Callable[..., tuple[Any, ...]]
+    start: Callable[..., list[float]]
+
+
 class Mechanism(ABC):
     """A parallel mechanism: declarations, clear NumPy-level functions and one hot kernel.
 
@@ -200,6 +225,8 @@ class Mechanism(ABC):
     #: common scalar multiple of the inverse of the Jacobian made homogeneous by the length.
     kernel: ClassVar[Callable[..., tuple[float, ...]]]
     constant_count: ClassVar[int]
+    #: Where the kernel solves equations step by step, the equations: what proofs are about.
+    implicit: ClassVar[Implicit | None] = None
     #: ``skeleton(*pose, constants) -> flat tuple``: the platform's position (3) and rotation
     #: (9, row by row), both ends of each segment of :attr:`segments` (6 each), and the cosine of
     #: each cone angle of :attr:`cones`. What clearances, cone limits, tool and pictures need.

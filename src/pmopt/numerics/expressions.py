@@ -177,18 +177,36 @@ class Graph:
         a, b = self.lift(a), self.lift(b)
         return self.add(b, self.positive(self.sub(a, b)))
 
-    def parts(self, a: Expression) -> list[Expression]:
-        """Return the expressions that a minimum was taken of, in order of their making."""
+    def parts(self, a: Expression) -> tuple[list[Expression], set[int]]:
+        """Return the expressions that a minimum was taken of, in order of their making.
+
+        A minimum times a constant is that of its parts where the constant is > 0: the numbers of
+        such constants come with them.
+        """
         found: dict[int, Expression] = {}
+        factors: set[int] = set()
 
         def collect(node: Expression) -> None:
             for part in self._minima.get(node.index, ()):
                 collect(part)
-            if node.index not in self._minima:
-                found.setdefault(node.index, node)
+            if node.index in self._minima:
+                return
+            if node.operation == MUL:
+                one, other = self.nodes[node.first], self.nodes[node.second]
+                for factor, inner in ((one, other), (other, one)):
+                    if factor.operation == CONSTANT and inner.index in self._minima:
+                        factors.add(factor.first)
+                        collect(inner)
+                        return
+            found.setdefault(node.index, node)
 
         collect(a)
-        return [found[i] for i in sorted(found)]
+        return [found[i] for i in sorted(found)], factors
+
+    def inputs_of(self, a: Expression) -> set[int]:
+        """Return the numbers of the inputs that an expression depends on."""
+        steps = self.tape([a]).steps
+        return set(steps[steps[:, 0] == INPUT, 1].tolist())
 
     def derivative(self, a: Expression, by: Expression) -> Expression:
         """Return the partial derivative of an expression without minima by an input."""
@@ -332,10 +350,21 @@ def traced(function: Callable[..., Any], graph: Graph) -> Callable[..., Any]:
     return copy(function)
 
 
-def trace(
-    kernel: Callable[..., Any], pose_size: int, constant_count: int
-) -> tuple[Graph, list[Expression], list[Expression]]:
-    """Return a kernel's graph, the slacks its margin is the least of, and its entries.
+class Traced(NamedTuple):
+    """A kernel as expressions.
+
+    ``factors`` are the numbers of constants that have to be > 0 for its margin to be >= 0 exactly
+    where all slacks are.
+    """
+
+    graph: Graph
+    slacks: list[Expression]
+    entries: list[Expression]
+    factors: set[int]
+
+
+def trace(kernel: Callable[..., Any], pose_size: int, constant_count: int) -> Traced:
+    """Return a kernel's slacks, of which its margin is the least, and entries as expressions.
 
     Raises
     ------
@@ -346,4 +375,37 @@ def trace(
     pose = [graph.input(k) for k in range(pose_size)]
     constants = tuple(graph.constant(k) for k in range(constant_count))
     margin, *entries = traced(kernel, graph)(*pose, constants)
-    return graph, graph.parts(margin), [graph.lift(e) for e in entries]
+    slacks, factors = graph.parts(margin)
+    return Traced(graph, slacks, [graph.lift(e) for e in entries], factors)
+
+
+class TracedImplicit(NamedTuple):
+    """Equations and what follows of their solution; the unknowns are inputs after the pose's.
+
+    ``slopes`` are the derivatives of the residuals by the unknowns, row by row.
+    """
+
+    outcome: Traced
+    residuals: list[Expression]
+    slopes: list[Expression]
+
+
+def trace_implicit(
+    residuals: Callable[..., Any],
+    outcome: Callable[..., Any],
+    pose_size: int,
+    unknowns: int,
+    constant_count: int,
+) -> TracedImplicit:
+    """Return the equations that a kernel solves, and what it makes of the solution."""
+    graph = Graph()
+    pose = [graph.input(k) for k in range(pose_size)]
+    free = [graph.input(pose_size + k) for k in range(unknowns)]
+    constants = tuple(graph.constant(k) for k in range(constant_count))
+    equations = [graph.lift(r) for r in traced(residuals, graph)(*pose, free, constants)]
+    margin, *entries = traced(outcome, graph)(*pose, free, constants)
+    slacks, factors = graph.parts(margin)
+    slopes = [graph.derivative(r, u) for r in equations for u in free]
+    return TracedImplicit(
+        Traced(graph, slacks, [graph.lift(e) for e in entries], factors), equations, slopes
+    )

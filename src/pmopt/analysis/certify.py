@@ -200,6 +200,7 @@ class _Boxes:
         self.low, self.high = np.empty(0), np.empty(0)
         self.examined = 0
         self.weight = 1.0
+        self.open_measure = 0.0
         self._settled: list[float] = [0.0]
 
     def volumes(self) -> Array:
@@ -212,7 +213,8 @@ class _Boxes:
         for centres, halves, low, high in parts:
             done = low == high
             inside = done & (high > 0)
-            self._settled.append(math.fsum((np.prod(2 * halves[inside], axis=1)).tolist()))
+            volumes = np.prod(2 * halves[inside], axis=1) * high[inside]
+            self._settled.append(math.fsum(volumes.tolist()))
             kept.append((centres[~done], halves[~done], low[~done], high[~done]))
         self.centres, self.halves, self.low, self.high = map(
             np.concatenate, zip(*kept, strict=True)
@@ -231,7 +233,7 @@ class _Boxes:
         volumes = self.volumes()
         low = math.fsum([*map(_below, self._settled), *(volumes * self.low).tolist()])
         high = math.fsum([*map(_above, self._settled), *(volumes * self.high).tolist()])
-        return _below(low * self.weight), _above(high * self.weight)
+        return _below(low * self.weight), _above(high * self.weight + self.open_measure)
 
 
 def _enclose(
@@ -244,8 +246,9 @@ def _enclose(
     """Bisect the boxes that leave most of the volume open until the gap is reached."""
     boxes = _Boxes(len(enclosure.lower))
     centres, halves, boxes.weight = enclosure.first()
+    boxes.open_measure = enclosure.open_measure
     boxes.examined = len(centres)
-    boxes.add([(centres, halves, *enclosure.shares(centres, halves))])
+    boxes.add([(centres, halves, *enclosure.measures(centres, halves))])
     while True:
         low, high = boxes.bounds()
         reached = _relative(low, high)
@@ -265,7 +268,7 @@ def _enclose(
                 return boxes, "time budget"
             children = bisected(*(a[start : start + _BATCH] for a in taken[:2]))
             boxes.examined += len(children[0])
-            parts.append((*children, *enclosure.shares(*children)))
+            parts.append((*children, *enclosure.measures(*children)))
         boxes.add(parts)
 
 
@@ -577,7 +580,7 @@ class _Search:
         found = np.flatnonzero((within == 1) & (above < self.least))
         if len(found):
             worst = found[np.argmin(above[found])]
-            self.witness = self._pose(centres[worst])
+            self.witness = self.enclosure.pose(centres[worst])
             self.witness_lci = float(above[worst])
 
     def _find_crossing(self, centres: Array, halves: Array) -> None:
@@ -595,7 +598,7 @@ class _Search:
             if here == 0:
                 break
             low, high = (middle, high) if here == sign else (low, middle)
-        self.witness = self._pose((low + high) / 2)
+        self.witness = self.enclosure.pose((low + high) / 2)
 
     def _signs(self, points: Array) -> NDArray[np.int64]:
         """Return the proven signs of the determinant at points, 0 where none is proven."""
@@ -604,9 +607,6 @@ class _Search:
         for i in np.flatnonzero(regular(middles, ranges)):
             signs[i] = exact_sign(middles[i])
         return signs
-
-    def _pose(self, point: Array) -> Array:
-        return self.design.lower + self.design.width * point
 
 
 def index_bounds(middles: Array, ranges: Array, norm: str) -> tuple[Array, Array]:

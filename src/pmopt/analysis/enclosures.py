@@ -21,7 +21,6 @@ from pmopt.numerics.expressions import (
     CONSTANT,
     COSINE,
     INPUT,
-    LITERAL,
     SQUARE,
     SUB,
     Expression,
@@ -64,6 +63,10 @@ def enclose(
         from pmopt.analysis.sheets import Sheet
 
         return Sheet(mechanism, design, notify)
+    if mechanism.curve is not None:
+        from pmopt.analysis.curves import CurveEnclosure
+
+        return CurveEnclosure(mechanism, design, notify)
     try:
         return Enclosure(mechanism, design, _traced(mechanism), notify)
     except Untraceable as error:
@@ -89,7 +92,23 @@ def traced_implicit(mechanism: Mechanism) -> TracedImplicit:
 
 
 class Enclosure:
-    """Affine forms of a design's slacks and of its inverse Jacobian, from the traced kernel."""
+    """Affine forms of a design's slacks and of its inverse Jacobian, from the traced kernel.
+
+    Parameters
+    ----------
+    mechanism, design, notify
+        See :func:`enclose`.
+    traced : Traced
+
+    Attributes
+    ----------
+    lower, width : (d,) float64
+        The box that the unit cube stands for.
+    open_measure : float
+        At most so much of the unit cube's volume is reachable outside the boxes to begin with.
+    """
+
+    open_measure = 0.0
 
     def __init__(
         self,
@@ -116,7 +135,7 @@ class Enclosure:
         self._kept = [
             slack
             for k, slack in enumerate(slacks)
-            if k not in idle and not _always(graph, slack, constants)
+            if k not in idle and not _unbounded(graph, slack, constants)
         ]
         self._slacks = graph.tape(self._kept)
         self._entries = graph.tape(entries)
@@ -157,6 +176,14 @@ class Enclosure:
         """
         return self.shares_of(self.evaluate(self._slacks, self.inputs(centres, halves)))
 
+    def measures(self, centres: Array, halves: Array) -> tuple[Array, Array]:
+        """Return proven bounds of the volume of reachable poses, over that of the boxes."""
+        return self.shares(centres, halves)
+
+    def pose(self, point: Array) -> Array:
+        """Return the pose at a point of the unit cube."""
+        return np.asarray(self.lower + self.width * point)
+
     def shares_of(self, forms: Array) -> tuple[Array, Array]:
         """Return bounds of the share of boxes in which all slacks are >= 0, of their forms."""
         low, high = np.empty(forms.shape[2]), np.empty(forms.shape[2])
@@ -194,10 +221,8 @@ class Enclosure:
         return found
 
 
-def _always(graph: Graph, slack: Expression, constants: Array) -> bool:
-    """Return whether a slack is a number >= 0 or the distance to an infinite limit."""
-    if slack.operation == LITERAL:
-        return slack.value >= 0.0
+def _unbounded(graph: Graph, slack: Expression, constants: Array) -> bool:
+    """Return whether a slack is the distance to an infinite limit."""
     if slack.operation != SUB:
         return False
     return any(

@@ -24,7 +24,7 @@ from pmopt.numerics.affine import EPS
 from pmopt.numerics.expressions import Tape
 
 #: Levels of bisection of the first cells, and of the smallest.
-_FIRST, _LAST = 4, 9
+_FIRST, _LAST = 4, 12
 _NEWTON_STEPS = 4
 #: Radius of the box in which the solution is shown to be the only one, over that of what encloses
 #: it: as large as can be proven, so that neighbours' solutions lie in it.
@@ -33,7 +33,7 @@ _WITHIN, _BEYOND, _UNKNOWN = 0, 1, 2
 
 
 class Tubes(NamedTuple):
-    """Solutions over N boxes: u0 + slopes e, each to the radius ``tight``; the only ones in ``wide``.
+    """Solutions over N boxes: u0 + slopes e to the radius ``tight``, the only ones in ``wide``.
 
     Attributes
     ----------
@@ -51,9 +51,7 @@ class Tubes(NamedTuple):
 
     def at(self, which: NDArray[np.int64], place: Array) -> Array:
         """Return the linearised solutions of some boxes at places (N, k) in [-1, 1]."""
-        return np.asarray(
-            self.middle[which] + np.einsum("nmk,nk->nm", self.slopes[which], place)
-        )
+        return np.asarray(self.middle[which] + np.einsum("nmk,nk->nm", self.slopes[which], place))
 
 
 class Sheet(Enclosure):
@@ -121,15 +119,14 @@ class Sheet(Enclosure):
             halves = self._cell_halves[split]
             new = self._cell_centres[split][:, None] + halves[:, None] * shifts.reshape(-1, k)
             keep = ~split
-            self._take_cells(
-                new.reshape(-1, k), np.repeat(halves / 2, 2**k, axis=0), keep
-            )
-        if not flooded.any():
+            self._take_cells(new.reshape(-1, k), np.repeat(halves / 2, 2**k, axis=0), keep)
+        if not (flooded.any() or self._home_beyond):
             raise InputError(
                 f"certify: {mechanism.name}: nothing can be proven of this design: its home pose "
                 "is not shown to be regular"
             )
-        self._flooded, self._open = flooded, touched
+        # Beyond an unsettled cell that can not be split there may be anything.
+        self._flooded, self._open = flooded, ~flooded if touched.any() else touched
 
     def _take_cells(
         self, centres: Array, halves: Array, keep: NDArray[np.bool_] | None = None
@@ -152,16 +149,13 @@ class Sheet(Enclosure):
         self._cell_halves = np.concatenate([self._cell_halves[keep], halves])
         self._state = np.concatenate([self._state[keep], state])
         self._tubes = Tubes(
-            *(
-                np.concatenate([old[keep], new])
-                for old, new in zip(self._tubes, tubes, strict=True)
-            )
+            *(np.concatenate([old[keep], new]) for old, new in zip(self._tubes, tubes, strict=True))
         )
 
     def _flood(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the cells that are connected with home, and the unsettled ones they touch."""
         centres, halves = self._cell_centres, self._cell_halves
-        size = 2**_LAST
+        size = round(0.5 / float(halves.min()))
         self._raster = self._painted(centres, halves, size)
         pairs = []
         for axis in range(centres.shape[1]):
@@ -183,9 +177,11 @@ class Sheet(Enclosure):
             place[None], np.zeros((1, len(inner))),
             np.array([self._given.start(*self._home.tolist(), self._values)], dtype=float),
         )  # fmt: skip
-        for cell in seeds[self._state[seeds] == _WITHIN]:
+        self._home_beyond = False
+        for cell in seeds[self._state[seeds] != _UNKNOWN]:
             if self._holds(roots, np.zeros(1, dtype=np.int64), np.array([cell]), place[None])[0]:
-                flooded[cell] = True
+                flooded[cell] = self._state[cell] == _WITHIN
+                self._home_beyond |= self._state[cell] == _BEYOND
         stack = list(np.flatnonzero(flooded))
         neighbours: dict[int, list[tuple[int, bool]]] = {}
         for (a, b), same in zip(links.tolist(), alike.tolist(), strict=True):
@@ -372,8 +368,7 @@ class Sheet(Enclosure):
         cells = self._raster[tuple(index.T)]
         place = (flat - self._cell_centres[cells]) / self._cell_halves[cells]
         tubes = self.tubes(flat, flat_halves, self._tubes.at(cells, place))
-        points = tubes._replace(tight=tubes.tight)
-        proven = self._holds(points, np.arange(len(flat)), cells, flat) & self._flooded[cells]
+        proven = self._holds(tubes, np.arange(len(flat)), cells, flat) & self._flooded[cells]
         count = len(centres)
         m = tubes.middle.shape[1]
         inputs = np.zeros((self._size + m, self._size + 2, count))

@@ -192,6 +192,26 @@ class Implicit:
     start: Callable[..., list[float]]
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A curve of configurations along which a kernel seeks a pose coordinate, for proofs.
+
+    With the other coordinates given, the configurations are told by v in [-pi, pi]. The pose is
+    reached on the piece about v = 0 on which the coordinate is monotonic.
+
+    Attributes
+    ----------
+    coordinate : int
+        Number of the pose coordinate.
+    outcome : callable
+        ``outcome(*pose with v in the coordinate's place, constants)``: the coordinate, its slope by
+        v with the sign that is asked for, and what the kernel returns.
+    """
+
+    coordinate: int
+    outcome: Callable[..., tuple[Any, ...]]
+
+
 class Mechanism(ABC):
     """A parallel mechanism: declarations, clear NumPy-level functions and one hot kernel.
 
@@ -227,6 +247,7 @@ class Mechanism(ABC):
     constant_count: ClassVar[int]
     #: Where the kernel solves equations step by step, the equations: what proofs are about.
     implicit: ClassVar[Implicit | None] = None
+    curve: ClassVar[Curve | None] = None
     #: ``skeleton(*pose, constants) -> flat tuple``: the platform's position (3) and rotation
     #: (9, row by row), both ends of each segment of :attr:`segments` (6 each), and the cosine of
     #: each cone angle of :attr:`cones`. What clearances, cone limits, tool and pictures need.

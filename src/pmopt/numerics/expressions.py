@@ -180,8 +180,8 @@ class Graph:
     def parts(self, a: Expression) -> tuple[list[Expression], set[int]]:
         """Return the expressions that a minimum was taken of, in order of their making.
 
-        A minimum times a constant is that of its parts where the constant is > 0: the numbers of
-        such constants come with them.
+        Numbers >= 0 are left out. A minimum times a constant is that of its parts where the
+        constant is > 0: the numbers of such constants come with them.
         """
         found: dict[int, Expression] = {}
         factors: set[int] = set()
@@ -198,7 +198,8 @@ class Graph:
                         factors.add(factor.first)
                         collect(inner)
                         return
-            found.setdefault(node.index, node)
+            if not (node.operation == LITERAL and node.value >= 0.0):
+                found.setdefault(node.index, node)
 
         collect(a)
         return [found[i] for i in sorted(found)], factors
@@ -388,6 +389,32 @@ class TracedImplicit(NamedTuple):
     outcome: Traced
     residuals: list[Expression]
     slopes: list[Expression]
+
+
+class TracedCurve(NamedTuple):
+    """What a curve's outcome tells: the coordinate, its slope by v and that slope's.
+
+    The inputs are those of the pose, with v in the place of input ``coordinate``.
+    """
+
+    outcome: Traced
+    value: Expression
+    slope: Expression
+    bend: Expression
+
+
+def trace_curve(
+    outcome: Callable[..., Any], pose_size: int, coordinate: int, constant_count: int
+) -> TracedCurve:
+    """Return the configurations along which a kernel seeks its pose, as expressions."""
+    graph = Graph()
+    pose = [graph.input(k) for k in range(pose_size)]
+    constants = tuple(graph.constant(k) for k in range(constant_count))
+    value, slope, margin, *entries = traced(outcome, graph)(*pose, constants)
+    slacks, factors = graph.parts(margin)
+    bend = graph.derivative(slope, pose[coordinate])
+    traced_outcome = Traced(graph, slacks, [graph.lift(e) for e in entries], factors)
+    return TracedCurve(traced_outcome, value, slope, bend)
 
 
 def trace_implicit(

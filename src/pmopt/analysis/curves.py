@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,8 +176,8 @@ class CurveEnclosure(Enclosure):
 
     @staticmethod
     def _by_batches(
-        function: Callable[[Array, Array], Array], boxes: Boxes, which: NDArray[np.int64]
-    ) -> Array:
+        function: Callable[[Array, Array], NDArray[Any]], boxes: Boxes, which: NDArray[np.int64]
+    ) -> NDArray[Any]:
         """Return what a function tells of some boxes."""
         parts = [
             function(*(a[which[start : start + _BATCH]] for a in boxes))

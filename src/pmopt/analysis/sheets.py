@@ -182,13 +182,13 @@ class Sheet(Enclosure):
             if self._holds(roots, np.zeros(1, dtype=np.int64), np.array([cell]), place[None])[0]:
                 flooded[cell] = self._state[cell] == _WITHIN
                 self._home_beyond |= self._state[cell] == _BEYOND
-        stack = list(np.flatnonzero(flooded))
+        stack: list[int] = np.flatnonzero(flooded).tolist()
         neighbours: dict[int, list[tuple[int, bool]]] = {}
         for (a, b), same in zip(links.tolist(), alike.tolist(), strict=True):
             neighbours.setdefault(a, []).append((b, same))
             neighbours.setdefault(b, []).append((a, same))
         while stack:
-            for other, same in neighbours.get(int(stack.pop()), []):
+            for other, same in neighbours.get(stack.pop(), []):
                 if self._state[other] == _UNKNOWN or not same:
                     touched[other] |= not flooded[other]
                 elif self._state[other] == _WITHIN and not flooded[other]:

@@ -303,6 +303,7 @@ def shares(slacks, sizes, low, high):
     d = slacks.shape[1] - 2
     for i in range(slacks.shape[2]):
         lost = 0.0  # what the slacks cut off at most
+        active = 0
         most = 1.0
         for s in range(slacks.shape[0]):
             centre = slacks[s, 0, i]
@@ -323,7 +324,29 @@ def shares(slacks, sizes, low, high):
             _, outer = half_space(centre + edge, sizes, d)
             lost += (1.0 - inner) * UP
             most = outer if outer < most else most
+            active += 1
         inside = 1.0 - lost * UP - EPS if lost > 0.0 else 1.0
+        if active > 1 and most > 0.0:
+            # Slacks that are much alike cut off the same: one of them, lowered to all others.
+            for s in range(slacks.shape[0]):
+                edge = 0.0
+                size = 0.0
+                for other in range(slacks.shape[0]):
+                    r = slacks[other, d + 1, i] + abs(slacks[s, 0, i] - slacks[other, 0, i])
+                    total = abs(slacks[other, 0, i])
+                    for k in range(d):
+                        r += abs(slacks[s, k + 1, i] - slacks[other, k + 1, i])
+                        total += abs(slacks[other, k + 1, i])
+                    least = slacks[other, 0, i] * 2.0 - total - slacks[other, d + 1, i]
+                    # Those that are >= 0 throughout do not count.
+                    if not (least - 16.0 * EPS * total > 0.0 and slacks[other, 0, i] > 0.0):
+                        edge = r if not r < edge else edge
+                    size = total if total > size else size
+                edge = (edge + 16.0 * EPS * size) * UP
+                for k in range(d):
+                    sizes[k] = abs(slacks[s, k + 1, i])
+                inner, _ = half_space(slacks[s, 0, i] - edge, sizes, d)
+                inside = inner if inner > inside else inside
         low[i] = inside if inside > 0.0 and most > 0.0 else 0.0
         high[i] = most
 

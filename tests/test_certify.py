@@ -16,7 +16,7 @@ from pmopt.analysis.enclosures import enclose
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.errors import InputError
-from pmopt.mechanisms import find, uu_upu
+from pmopt.mechanisms import cur, find, uu_upu
 from pmopt.numerics import affine
 from pmopt.numerics.expressions import Graph, Untraceable, trace
 
@@ -236,6 +236,22 @@ def test_curve_of_configurations(mode):
         assert (high[margin >= 0] > 0).all()
         assert (low[margin < -1e-6] < 1).all()
         assert (low == 1).any() and (high == 0).any()
+
+
+def test_solutions_lie_in_their_tubes():
+    """3-CUR: what the kernel's iteration finds anywhere in a cell lies within its enclosure."""
+    _, design, sheet = prepared("3-cur", {}, {})
+    rng = np.random.default_rng(2)
+    cells = rng.choice(np.flatnonzero(sheet._flooded), 300)
+    tubes = sheet._tubes
+    assert tubes.proven[cells].all()
+    place = rng.uniform(-1, 1, (len(cells), 2))
+    points = sheet._cell_centres[cells] + sheet._cell_halves[cells] * place
+    tilts = sheet.lower[1:] + sheet.width[1:] * points
+    found = np.array([cur.cur_start(0.3, *tilt, design.constants) for tilt in tilts.tolist()])
+    off = np.abs(found - tubes.at(cells, place))
+    assert (off <= tubes.tight[cells] + 1e-12).all()
+    assert (off.max(axis=0) > 1e-6).all()  # the radius is needed
 
 
 # --- volumes ------------------------------------------------------------------------------

@@ -1,10 +1,11 @@
 """Whole commands, and the paper's 200 x 200 run against what its parts account for.
 
-Run: python benchmarks/commands.py
+Run: python benchmarks/commands.py [--repeats 5] [--generations 200]
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from pmopt.synthesis.problem import DesignProblem, Evaluations
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def command(*arguments: str, repeats: int = 5) -> None:
+def command(*arguments: str, repeats: int) -> None:
     """Time a command as a process, after one run that fills the caches."""
     line = [sys.executable, "-m", "pmopt", *arguments]
     times = []
@@ -53,9 +54,11 @@ def run_time(problem: DesignProblem) -> float:
     return time.perf_counter() - began
 
 
-def paper_run() -> None:
+def paper_run(generations: int) -> None:
     """Compare the search with pymoo's own time plus points x ns / threads."""
     config = load_config(ROOT / "configs" / "2pauu-ppap.toml")
+    algorithm = config.algorithm.model_copy(update={"generations": generations})
+    config = config.model_copy(update={"algorithm": algorithm})
     problem = DesignProblem(config, threads=2)
     single = DesignProblem(config, threads=1)
     settings = config.algorithm
@@ -80,6 +83,10 @@ def paper_run() -> None:
 
 
 if __name__ == "__main__":
-    command("--help")
-    command("workspace", "2pauu-ppap")
-    paper_run()
+    parser = argparse.ArgumentParser(description="Whole commands and the paper's run.")
+    parser.add_argument("--repeats", type=int, default=5, help="of each command")
+    parser.add_argument("--generations", type=int, default=200, help="of the paper's run")
+    given = parser.parse_args()
+    command("--help", repeats=given.repeats)
+    command("workspace", "2pauu-ppap", repeats=given.repeats)
+    paper_run(given.generations)

@@ -183,11 +183,22 @@ def test_defaults_are_completed():
     }  # fmt: skip
     assert config.workspace.working_mode == mechanism.working_modes[0]
     assert config.workspace.jacobian == mechanism.default_jacobian
-    assert config.workspace.samples > 0
+    assert config.adaptive
     algorithm = config.algorithm
     assert (algorithm.name, algorithm.population, algorithm.generations) == ("nsga2", 200, 200)
     assert (algorithm.crossover_eta, algorithm.mutation_eta, algorithm.seed) == (20, 20, 1)
     assert config.constraints == {}
+
+
+def test_samples_are_adaptive_unless_something_is_given():
+    for table in ({}, {"samples": "adaptive"}, {"samples": "adaptive", "replicates": 8}):
+        config = resolve_config({"mechanism": MECH, "workspace": table}, WHERE)
+        assert config.adaptive
+        assert plain(config)["workspace"]["samples"] == "adaptive"
+    for table in ({"samples": 5000}, {"grid": 10}, {"target_error": 0.1}):
+        config = resolve_config({"mechanism": MECH, "workspace": table}, WHERE)
+        assert not config.adaptive
+        assert plain(config)["workspace"]["samples"] == table.get("samples")
 
 
 def test_range_number_and_absence():
@@ -217,7 +228,7 @@ def test_shipped_configurations_are_the_papers_problem():
     default = resolve_config({"mechanism": MECH}, WHERE)
     assert config.parameters == default.parameters
     assert (config.algorithm.population, config.algorithm.generations) == (200, 200)
-    assert config.workspace.samples == 20_000
+    assert config.adaptive
 
 
 # --- what is refused ----------------------------------------------------------------------
@@ -334,6 +345,12 @@ REFUSED = [
     ({"workspace": {"samples": 15}}, ("workspace.samples=15", "16")),
     ({"workspace": {"samples": 2000.5}}, ("workspace.samples=2000.5", "integer")),
     ({"workspace": {"samples": 100, "grid": 10}}, ("workspace", "samples", "grid")),
+    ({"workspace": {"samples": "adaptive", "grid": 10}}, ("workspace", "samples", "grid")),
+    (
+        {"workspace": {"samples": "adaptive", "target_error": 0.1}},
+        ("workspace", "samples", "target_error"),
+    ),
+    ({"workspace": {"samples": "adaptiv"}}, ("workspace.samples='adaptiv'", "adaptive")),
     ({"workspace": {"sampler": "halton"}}, ("workspace.sampler='halton'", "sobol")),
     ({"workspace": {"working_mode": "in"}}, ("workspace.working_mode", "'in'", *MODES)),
     ({"workspace": {"regions": [0, 0.5]}}, ("regions", "[0.0, 0.5]", "from 0 to 1")),

@@ -9,11 +9,14 @@ import shlex
 import shutil
 import signal
 import subprocess
+import sys
 import time
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
+import moocore
 import numpy as np
 import pytest
 from cli_runner import (
@@ -36,10 +39,12 @@ import pmopt as package
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting.pareto_run import run_pareto
+from pmopt.synthesis import optimise
 from pmopt.synthesis.checkpoint import Checkpoint
-from pmopt.synthesis.config import resolve_config
+from pmopt.synthesis.config import AlgorithmSettings, resolve_config
 from pmopt.synthesis.front import idle_directions
-from pmopt.synthesis.optimise import Optimisation, hypervolume
+from pmopt.synthesis.nsga2 import Nsga2, crowding_distance
+from pmopt.synthesis.optimise import Optimisation, Record, hypervolume, spread
 from pmopt.synthesis.problem import DesignProblem
 
 MECH = "2pauu-ppap"
@@ -584,6 +589,249 @@ def test_run_of_another_version_is_refused(cut_off):
         run_pareto(config_of(), cut_off, resume=True)
 
 
+# --- adaptive samples ---------------------------------------------------------------------
+
+ADAPTIVE = {"samples": '"adaptive"', "generations": 40, "target_error": "2e-3"}
+#: Short runs are to double their samples: their hypervolume has stalled sooner.
+EAGER = 1.0
+PROCESS = f"""
+import tomllib
+from pathlib import Path
+from pmopt.reporting.pareto_run import run_pareto
+from pmopt.synthesis import optimise
+from pmopt.synthesis.config import resolve_config
+optimise._TOLD_APART = {EAGER}
+data = tomllib.loads(Path("test.toml").read_text())
+run_pareto(resolve_config(data, "test.toml"), Path("run"), resume=True)
+"""
+
+
+@pytest.fixture
+def eager(monkeypatch):
+    monkeypatch.setattr(optimise, "_TOLD_APART", EAGER)
+
+
+@pytest.fixture(scope="module")
+def adaptive(tmp_path_factory):
+    """Return the folder of a finished adaptive run, in which the samples doubled, and the run."""
+    folder = tmp_path_factory.mktemp("adaptive") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(optimise, "_TOLD_APART", EAGER)
+        return folder, run_pareto(config_of(**ADAPTIVE), folder)
+
+
+def test_samples_of_an_adaptive_run(adaptive):
+    history = table(adaptive[0], "history")
+    samples, spent = (column(history, name) for name in ("samples", "spent"))
+    assert set(samples[1:] / samples[:-1]) == {1.0, 2.0}
+    # What is taken beyond the generation's designs measures some again on twice the samples.
+    again = (spent - POPULATION * samples) / (2 * samples)
+    doubled = np.flatnonzero(again)
+    assert len(doubled) >= 2
+    assert (again[doubled] >= POPULATION).all()
+    assert (again[doubled] == again[doubled].astype(int)).all()
+    assert (np.flatnonzero(np.diff(samples)) == doubled[: len(np.unique(samples)) - 1]).all()
+    assert column(history, "evaluations").tolist() == [
+        POPULATION * g for g in range(1, len(history) + 1)
+    ]
+    rows = table(adaptive[0], "evaluations")
+    assert list(rows[0])[:2] == ["generation", "samples"]
+    assert column(rows, "samples").tolist() == np.repeat(samples, POPULATION).tolist()
+    manifest = manifest_of(adaptive[0])
+    assert manifest["config"]["workspace"]["samples"] == "adaptive"
+    assert manifest["samples"]["first"] == samples[0]
+    assert manifest["samples"]["last"] == samples[-1]
+    assert manifest["samples"]["spent"] == spent.sum()
+
+
+def test_all_that_is_compared_has_the_same_samples(monkeypatch, eager):
+    """What selection is told of a design is what that many samples say, never fewer."""
+    problem = DesignProblem(config_of(**ADAPTIVE))
+    told = []
+    for name in ("tell", "replace"):
+        method = getattr(Nsga2, name)
+
+        def spy(self, *given, method=method):
+            rows = method(self, *given)
+            told.append((self.variables, self.objectives))
+            return rows
+
+        monkeypatch.setattr(Nsga2, name, spy)
+    current = problem.first_samples
+    for generation in Optimisation(problem).generations():
+        assert generation.samples == current
+        current *= 1 if generation.record.again is None else 2
+        if generation.record.again is not None or generation.number % 10 == 0:
+            variables, objectives = told[-1]
+            assert (problem.evaluate(variables, current).values == -objectives).all()
+    assert current >= 4 * problem.first_samples
+
+
+def test_fewer_samples_are_among_more():
+    """Common random numbers: twice the samples keep the points of the first half."""
+    problem = DesignProblem(config_of(samples='"adaptive"'))
+    variables = designs_of(problem, 5)
+    volumes = []
+    for samples in (4096, 8192):
+        found = problem.evaluate(variables, samples).values[:, 0]
+        boxes = np.array([problem.design(row).box_volume for row in variables])
+        volumes.append(np.round(found / boxes * samples))
+    assert (volumes[1] >= volumes[0]).all()
+    assert (volumes[1] - volumes[0] <= 4096).all()
+
+
+def test_front_of_an_adaptive_run_holds_on_another_sample(adaptive):
+    """No design stands on the front that finer sampling finds dominated beyond the errors."""
+    rows = table(adaptive[0], "front")
+    assert len(rows) > 10
+    problem = DesignProblem(config_of(samples=1 << 19, seed=99))
+    fine = problem.evaluate(np.array([[float(r[k]) for k in problem.variables] for r in rows]))
+    stated = np.array([[float(r[f"{k}_error"]) for k in problem.objectives] for r in rows])
+    errors = np.hypot(stated, fine.errors)
+    for value, error in zip(fine.values, errors, strict=True):
+        lead = (fine.values - value) / np.hypot(errors, error)
+        assert not (lead > MARGIN).all(axis=1).any()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_adaptive_run_is_the_same_for_any_number_of_threads(adaptive, eager, tmp_path, threads):
+    run_pareto(config_of(**ADAPTIVE), tmp_path / "run", threads=threads)
+    assert read(tmp_path / "run") == read(adaptive[0])
+
+
+@pytest.mark.parametrize("after", [0, 1, -1])
+def test_adaptive_run_is_taken_up_again_to_the_same_bytes(adaptive, eager, tmp_path, after):
+    """Cut off before, at and after a generation behind which designs were measured again."""
+    folder = tmp_path / "run"
+    shutil.copytree(adaptive[0], folder)
+    for name in ("manifest.json", *TABLES, *PICTURES):
+        (folder / name).unlink()
+    history = table(adaptive[0], "history")
+    samples = column(history, "samples")
+    last = int(np.flatnonzero(np.diff(samples))[1]) + 1 + after
+    for number in range(last + 1, len(history) + 1):
+        generation(folder, number).unlink()
+    run_pareto(config_of(**ADAPTIVE), folder, resume=True)
+    assert manifest_of(folder)["resumes"] == [last]
+    assert read(folder) == read(adaptive[0])
+
+
+def test_adaptive_run_killed(adaptive, eager, tmp_path):
+    (tmp_path / "test.toml").write_text(text_of(**ADAPTIVE))
+    for number in (8, 25):
+        process = subprocess.Popen(
+            [sys.executable, "-c", PROCESS], cwd=tmp_path, env=environment(), text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        wait_for_generation(process, tmp_path / "run", number)
+        process.kill()
+        process.communicate(timeout=TIMEOUT)
+    run_pareto(config_of(**ADAPTIVE), tmp_path / "run", resume=True)
+    assert len(manifest_of(tmp_path / "run")["resumes"]) == 2
+    assert read(tmp_path / "run") == read(adaptive[0])
+
+
+def test_more_generations_continue_an_adaptive_run(adaptive, eager, tmp_path):
+    run_pareto(config_of(**{**ADAPTIVE, "generations": 15}), tmp_path / "run")
+    for name in ("manifest.json", *TABLES, *PICTURES):
+        (tmp_path / "run" / name).unlink()
+    run_pareto(config_of(**ADAPTIVE), tmp_path / "run", resume=True)
+    assert read(tmp_path / "run") == read(adaptive[0])
+
+
+def test_checkpoint_of_the_old_form_is_refused(cut_off):
+    path = cut_off / "checkpoint" / "run.json"
+    path.write_text(re.sub('"schema": 2', '"schema": 1', path.read_text()))
+    with pytest.raises(InputError, match=r"schema 1.*--force"):
+        run_pareto(config_of(), cut_off, resume=True)
+
+
+def test_adaptive_run_with_an_active_bound(eager):
+    """Errors alone must not rule the front out, nor a coarse design stand on it."""
+    bounds = {"constraints__volume": "{max = 12}", "constraints__gci": "{min = 0.2}"}
+    run = run_pareto(config_of(**ADAPTIVE, **bounds))
+    assert run.front.designs
+    for design in run.front.designs:
+        assert min(design.slack.values()) >= 0
+    assert max(d.objectives["volume"] for d in run.front.designs) > 11
+
+
+def test_dry_run_of_an_adaptive_search(tmp_path):
+    (tmp_path / "test.toml").write_text(text_of(**ADAPTIVE))
+    plan = json_answer("pareto", "test.toml", "--dry-run", cwd=tmp_path)
+    assert plan["points"] > 0
+    assert plan["estimated_time"] > 0
+
+
+@given(
+    st.lists(st.tuples(*[st.integers(0, 40)] * 2), min_size=1, max_size=40), st.integers(2, 12)
+)  # fmt: skip
+def test_spread_drops_the_smallest_share_first(points, count):
+    # Shares that differ: equal ones may leave in any order.
+    points = 1 + np.array(points) + 1e-3 * np.random.default_rng(1).random((len(points), 2))
+    points = np.unique(points, axis=0)
+    front = points[moocore.is_nondominated(points, maximise=True)]
+    kept = front[spread(front, count)]
+    left = list(map(tuple, front))
+    while len(left) > count:
+        rest = [left[:i] + left[i + 1 :] for i in range(1, len(left) - 1)]
+        left = max(rest, key=lambda rows: naive_hypervolume(np.array(rows)))
+    assert len(kept) == min(len(front), count)
+    assert set(map(tuple, kept)) == set(left)
+
+
+# --- NSGA-II is pymoo's -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [4, 21, 40])
+@pytest.mark.parametrize("objectives", [2, 3])
+@pytest.mark.parametrize("ties", [False, True])
+def test_generations_are_those_of_pymoo(size, objectives, ties):
+    """Design for design: initial sample, tournaments, crossover, mutation, duplicates, survival."""
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
+    from pymoo.operators.crossover.sbx import SBX
+    from pymoo.operators.mutation.pm import PM
+    from pymoo.operators.sampling.rnd import FloatRandomSampling
+    from pymoo.problems.static import StaticProblem
+
+    lower, upper = np.zeros(3), np.array([1.0, 1.0, 2.0])
+    stated = Problem(n_var=3, n_obj=objectives, n_ieq_constr=2, xl=lower, xu=upper)
+    theirs = NSGA2(
+        pop_size=size, sampling=FloatRandomSampling(), crossover=SBX(eta=15.0, prob=0.8),
+        mutation=PM(eta=25.0),
+    )  # fmt: skip
+    theirs.setup(stated, termination=("n_gen", 15), seed=size)
+    settings = AlgorithmSettings(
+        population=size, crossover_eta=15.0, crossover_probability=0.8, mutation_eta=25.0
+    )
+    ours = Nsga2(settings, lower, upper, size)
+    for _ in range(15):
+        asked, variables = theirs.ask(), ours.ask()
+        assert (asked.get("X") == variables).all()
+        x, y, z = variables.T
+        values = np.stack([x + 0.3 * y**2, (1 - x) ** 2 + 0.2 * z, y - x * z], axis=1)
+        values = values[:, :objectives]
+        excess = np.stack([0.3 - x * y, z - 0.8], axis=1)
+        if ties:
+            values, excess = np.round(values, 1), np.where(excess > 0, 1.0, excess)
+        Evaluator().eval(StaticProblem(stated, F=values, G=excess), asked)
+        theirs.tell(infills=asked)
+        rows = ours.tell(variables, values, excess)
+        assert len(rows) == len(ours.variables)
+        for name, kept in (("X", ours.variables), ("F", ours.objectives)):
+            assert (theirs.pop.get(name) == kept).all()
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), min_size=1, max_size=30))
+def test_crowding_distance_is_that_of_pymoo(points):
+    from pymoo.operators.survival.rank_and_crowding.metrics import get_crowding_function
+
+    values = np.array(points, dtype=float)
+    assert (crowding_distance(values) == get_crowding_function("cd").do(values)).all()
+
+
 # --- which folder -------------------------------------------------------------------------
 
 
@@ -960,10 +1208,9 @@ def test_checkpoint_of_another_installation_is_refused(finished):
     """Designs that this installation would not ask for are no part of the run."""
     problem = DesignProblem(config_of())
     search = Optimisation(problem)
-    recorded = [g.evaluated for g in search.generations()]
-    moved = type(recorded[1])(
-        recorded[1].variables + 1e-9, recorded[1].values, recorded[1].errors, recorded[1].slack
-    )
+    recorded = [g.record for g in search.generations()]
+    second = recorded[1].evaluated
+    moved = Record(replace(second, variables=second.variables + 1e-9), None)
     with pytest.raises(package.PmoptError, match="generation 2"):
         list(Optimisation(problem).generations([recorded[0], moved]))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -216,6 +216,46 @@ def certify(
         validated(WorkspaceSettings, settings, "certify"),
         time_budget=time_budget,
     )
+
+
+def warmup(
+    *mechanisms: str, threads: int | None = None, notify: Callable[[str], None] | None = None
+) -> dict[str, int]:
+    """Compile the kernels of mechanisms ahead: what workspaces with default settings need.
+
+    Parameters
+    ----------
+    *mechanisms : str
+        None for all.
+    threads : int, optional
+        Compilations at once.
+    notify : callable, optional
+        Receives a line for each mechanism that is compiled.
+
+    Returns
+    -------
+    dict
+        By mechanism, the number of kernels that were missing.
+    """
+    from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.analysis.sweeper import Sweeper
+    from pmopt.analysis.warmup import warm_up
+    from pmopt.threads import default_threads
+
+    told: set[str] = set()
+
+    def once(line: str) -> None:
+        if notify is not None and line not in told:
+            told.add(line)
+            notify(line)
+
+    sweepers = []
+    for name in mechanisms or names():
+        found = find(name)
+        sweepers.append(Sweeper(found, WorkspaceSettings(), notify=once))
+        if found.line is not None:
+            sweepers.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
+    return warm_up(sweepers, threads or default_threads())
 
 
 def singularities(

@@ -191,6 +191,12 @@ class FieldSweeper(Sweeper):
             lci[part[regular]] = index
         return lci
 
+    def outline(
+        self, design: Design, points: sequences.Sequence, first: int, last: int
+    ) -> NDArray[np.float64]:
+        """Return the ends of links on the floor; see :meth:`Sweeper.outline`."""
+        return self.shadow(design, self.points(design, points, first, last))
+
     def tally(
         self,
         designs: Sequence[Design],
@@ -203,8 +209,8 @@ class FieldSweeper(Sweeper):
         shape = (len(designs), points.replicates)
         reachable, within, total, best = (np.zeros(shape) for _ in range(4))
         smallest, largest = np.full(shape, np.inf), np.full(shape, -np.inf)
-        above = np.zeros((*shape, len(self.edges)), dtype=np.int64)
-        histogram = np.zeros((*shape, bins), dtype=np.int64)
+        above = np.zeros((*shape, len(self.edges)))
+        histogram = np.zeros((*shape, bins))
         for place in np.ndindex(*shape):
             design = designs[place[0]]
             if design.box_volume == 0:
@@ -229,8 +235,9 @@ class FieldSweeper(Sweeper):
                 histogram[place] = np.bincount(index, minlength=bins)
         box = np.array([d.box_volume for d in designs])
         return Tallies(
-            last - first, box, reachable, within, total, smallest, largest, best, above, histogram
-        )
+            last - first, box, reachable, within, reachable.copy(), total, smallest, largest, best,
+            above, histogram,
+        )  # fmt: skip
 
 
 def make_sweeper(

@@ -48,6 +48,7 @@ class _Sums(NamedTuple):
 
     points: NDArray[np.float64]
     reachable: NDArray[np.float64]
+    hits: NDArray[np.float64]
     total: NDArray[np.float64]
     smallest: NDArray[np.float64]
     largest: NDArray[np.float64]
@@ -114,17 +115,19 @@ def _pool(tallies: Tallies) -> tuple[_Sums, _Sums]:
     pooled = _Sums(
         all_points,
         reachable.sum(keepdims=True),
+        tallies.hits[0].sum(keepdims=True),
         total.sum(keepdims=True),
         smallest.min(keepdims=True),
         largest.max(keepdims=True),
-        tallies.above[0].sum(axis=0, keepdims=True).astype(float),
-        tallies.histogram[0].sum(axis=0, keepdims=True).astype(float),
+        tallies.above[0].sum(axis=0, keepdims=True),
+        tallies.histogram[0].sum(axis=0, keepdims=True),
     )
     if replicates == 1:
         return pooled, pooled
     left_out = _Sums(
         np.full(replicates, float(tallies.points * (replicates - 1))),
         without_each(reachable),
+        without_each(tallies.hits[0]),
         without_each(total),
         np.array([smallest[k].min() for k in keep]),
         np.array([largest[k].max() for k in keep]),
@@ -176,7 +179,7 @@ def from_grids(fine: Tallies, coarse: Sequence[tuple[float, Tallies]]) -> Estima
 def _assemble(
     values: NDArray[np.float64], errors: NDArray[np.float64], box: float, sums: _Sums
 ) -> Estimates:
-    samples, reachable = int(sums.points[0]), int(sums.reachable[0])
+    samples, reachable = int(sums.points[0]), int(sums.hits[0])
     regions = sums.above.shape[1] + 1
     one_point = box / samples
     floors = np.zeros_like(values)

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.estimates import Estimate
-from pmopt.analysis.shape import Topology, confirmed, topology_of
+from pmopt.analysis.estimates import Estimate, from_replicates
+from pmopt.analysis.shape import Shape, Topology, confirmed, measure_shape, topology_of
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.mechanisms.base import Vector
+from pmopt.numerics.cells import hull, label
 from pmopt.numerics.sequences import BLOCK, Sequence
+from pmopt.threads import ordered_map
 
 PROJECTION_SAMPLES = 1 << 20
 _REPLICATES = 4
@@ -29,6 +31,8 @@ _MOST_VOXELS = 128
 _SHIFT = np.array([0.25, 0.5, 0.75])
 #: Holes of so many voxels are taken for chance, larger ones for holes.
 _MISSED = 8
+#: Cells an axis for a shape that nobody has asked for.
+_ROUGH = 24
 
 
 @dataclass(frozen=True)
@@ -46,16 +50,12 @@ class Projection:
         Pieces and voids of the positions reached, counted on the voxels.
     grid : int
         Voxels along the longest side.
-    lower, upper : tuple of float
-        Box around the positions; empty where nothing is reachable.
     """
 
     volume: Estimate
     footprint: Estimate
     shape: Topology
     grid: int
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
 
 
 def reachable_poses(
@@ -74,10 +74,25 @@ def replicate(points: Sequence, number: int) -> Sequence:
     return points._replace(start=points.start[one], high=points.high[one], low=points.low[one])
 
 
+def positions_are_poses(sweeper: Sweeper, design: Design) -> bool:
+    """Return whether a pose is a position and nothing else, as where a platform only translates."""
+    if [c.kind for c in sweeper.mechanism.pose] != ["length"] * 3:
+        return False
+    poses = design.lower[:, None] + design.width[:, None] * np.array([0.3, 0.5, 0.8, 0.9])
+    poses[0] = np.roll(poses[0], 1)
+    offset = sweeper.probe(design, poses).tool - poses.T
+    return bool(np.ptp(offset, axis=0).max() <= 1e-12 * design.width.max())
+
+
 def measure_projection(
-    sweeper: Sweeper, design: Design, samples: int = PROJECTION_SAMPLES
+    sweeper: Sweeper,
+    design: Design,
+    samples: int = PROJECTION_SAMPLES,
+    known: tuple[Estimate, Shape] | None = None,
 ) -> Projection:
     """Measure the positions reached and the floor area needed.
+
+    Where a pose is a position the positions reached are the workspace, measured as such.
 
     The error combines the spread of replicates and of the grid's places, half of what the
     extrapolation to voxels of no size adds, and half the difference between two ways to tell a
@@ -90,23 +105,34 @@ def measure_projection(
     design : Design
     samples : int
         Of all replicates together.
+    known : (Estimate, Shape), optional
+        Volume and shape of the workspace, where they have been measured.
     """
     nothing = Estimate(math.nan, math.nan)
     if design.box_volume == 0:
-        return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0, (), ())
+        return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0)
     points = sweeper.for_purpose(f"{sweeper.purpose}, projection").sequence(_REPLICATES)
     count = max(1, samples // _REPLICATES // BLOCK) * BLOCK
-    floor = [k for k in range(3) if k != sweeper.mechanism.vertical]
-    places, corners = [], []
-    for r in range(_REPLICATES):
-        poses, _ = reachable_poses(sweeper, design, replicate(points, r), 0, count)
-        facts = sweeper.probe(design, poses)
-        places.append(facts.tool)
-        ends = facts.segments.reshape(-1, 3)[:, floor]
-        corners.append(ends[_extreme(ends)])
+    parts = [replicate(points, r) for r in range(_REPLICATES)]
+    footprint = _footprint(
+        list(
+            ordered_map(
+                lambda part: hull(sweeper.outline(design, part, 0, count)), parts, sweeper.threads
+            )
+        )
+    )
+    if positions_are_poses(sweeper, design):
+        if known is None:
+            sums = sweeper.tally([design], sweeper.sequence(16), 0, max(count // 4, 1))
+            known = from_replicates(sums).volume, measure_shape(sweeper, design, _ROUGH)
+        return Projection(known[0], footprint, known[1].workspace, known[1].grid)
+    places = [
+        sweeper.probe(design, reachable_poses(sweeper, design, part, 0, count)[0]).tool
+        for part in parts
+    ]
     joined = np.concatenate(places)
     if len(joined) < 8:
-        return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0, (), ())
+        return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0)
     lower, upper = joined.min(axis=0), joined.max(axis=0)
     sides = np.maximum(upper - lower, 1e-9 * (upper - lower).max())
     voxels = len(joined) / _POINTS_A_VOXEL
@@ -123,12 +149,12 @@ def measure_projection(
     # falls with the size of the voxels, to which the volume is extrapolated.
     growth = _REPLICATES ** (1 / 3) - 1
     wide = step * (1 + growth)
-    parts = np.array([
+    coarse = np.array([
         np.mean([_half_edged(occupied(p, lower - shift * wide, wide), wide) for shift in shifts])
         for p in places
     ])  # fmt: skip
-    change = (fine - float(parts.mean())) / growth
-    statistical = float(parts.std(ddof=1)) / math.sqrt(_REPLICATES) / growth
+    change = (fine - float(coarse.mean())) / growth
+    statistical = float(coarse.std(ddof=1)) / math.sqrt(_REPLICATES) / growth
     placed = float(counts.std(ddof=1)) / math.sqrt(_REPLICATES) * (1 + 1 / growth)
     volume = Estimate(
         max(fine + change, tight / 2),
@@ -137,17 +163,24 @@ def measure_projection(
     full, rough = grids[0], occupied(joined, lower, 1.5 * step)
     uncut = np.zeros((3, 2), dtype=bool)
     shape = confirmed(topology_of(full, uncut), topology_of(rough, uncut))
-    areas = np.array([_hull_area(c) for c in corners])
-    whole = _hull_area(np.concatenate(corners))
+    return Projection(volume, footprint, shape, grid)
+
+
+def _footprint(corners: list[NDArray[np.float64]]) -> Estimate:
+    """Return the area of the hull of points from the hulls of parts of them."""
+    areas = np.array([_area(c) for c in corners])
+    whole = _area(hull(np.concatenate(corners)))
     # A hull of points is too small: what four times the points have added, they will add again.
     missing = whole - float(areas.mean())
-    footprint = Estimate(
+    return Estimate(
         whole + missing, max(math.hypot(missing, float(areas.std(ddof=1))), 1e-12 * whole)
     )
-    return Projection(
-        volume, footprint, shape, grid,
-        tuple(lower.tolist()), tuple(upper.tolist()),
-    )  # fmt: skip
+
+
+def _area(corners: NDArray[np.float64]) -> float:
+    """Return the area of a polygon, 0 of fewer than three corners."""
+    u, v = corners.T
+    return float(np.abs(u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2)
 
 
 @dataclass(frozen=True)
@@ -198,13 +231,11 @@ def occupied(
     places: NDArray[np.float64], lower: NDArray[np.float64], step: float
 ) -> NDArray[np.bool_]:
     """Return which voxels of an edge length hold places."""
-    from scipy import ndimage
-
     cells = np.floor((places - lower) / step).astype(np.int64)
     full = np.zeros(cells.max(axis=0) + 1, dtype=bool)
     full[tuple(cells.T)] = True
     # A few voxels all around which the set is occupied have been missed by chance.
-    labels, _ = ndimage.label(np.pad(~full, 1, constant_values=True), np.ones((3, 3, 3)))
+    labels, _ = label(np.pad(~full, 1, constant_values=True), diagonal=True)
     sizes = np.bincount(labels.ravel())
     missed = (labels > 0) & (labels != labels[0, 0, 0]) & (sizes[labels] <= _MISSED)
     return np.asarray(full | missed[1:-1, 1:-1, 1:-1])
@@ -220,24 +251,3 @@ def _half_edged(full: NDArray[np.bool_], step: float, corners: bool = False) -> 
 
     inner = ndimage.binary_erosion(full, np.ones((3, 3, 3)) if corners else None)
     return step**3 * (int(full.sum()) + int(inner.sum())) / 2
-
-
-def _extreme(points: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the corners of the convex hull; all points where they span no area."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    if len(points) < 3:
-        return np.arange(len(points))
-    try:
-        return np.asarray(ConvexHull(points).vertices)
-    except QhullError:
-        return np.arange(len(points))
-
-
-def _hull_area(points: NDArray[np.float64]) -> float:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return float(ConvexHull(points).volume)
-    except (QhullError, ValueError):
-        return 0.0

@@ -49,7 +49,7 @@ class WorkspaceSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    sampler: Literal["r-sequence", "sobol", "monte-carlo"] = "r-sequence"
+    sampler: Literal["r-sequence", "sobol", "monte-carlo", "lines"] = "r-sequence"
     samples: int | None = Field(default=None, ge=16, le=MAX_SAMPLES)
     replicates: int | None = Field(default=None, ge=4, le=256)
     grid: int | None = Field(default=None, ge=4, le=30_000)
@@ -93,6 +93,8 @@ class WorkspaceSettings(BaseModel):
         for name in ("aspect", "block"):
             if getattr(self, name) is not None and self.grid is not None:
                 raise ValueError(f"{name} and grid exclude each other")
+            if getattr(self, name) is not None and self.sampler == "lines":
+                raise ValueError(f"{name} and sampler = lines exclude each other")
         for table in ("domain", "limits"):
             for name, (low, high) in getattr(self, table).items():
                 if not low < high:
@@ -100,7 +102,7 @@ class WorkspaceSettings(BaseModel):
         return self
 
     @property
-    def sampler_name(self) -> Literal["r-sequence", "sobol", "monte-carlo", "grid"]:
+    def sampler_name(self) -> Literal["r-sequence", "sobol", "monte-carlo", "lines", "grid"]:
         """The sampler, the grid included."""
         return "grid" if self.grid is not None else self.sampler
 

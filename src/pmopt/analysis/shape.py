@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.errors import InputError
+from pmopt.numerics.cells import label, lattice_points
 
 #: Cells per axis by number of pose coordinates, and the most corners of cells in all.
 DEFAULT_GRIDS = {1: 4096, 2: 512, 3: 96, 4: 28, 5: 14, 6: 9}
@@ -91,11 +92,7 @@ def check_cells(cells: int, dimension: int, where: str) -> int:
 
 def grid_points(design: Design, count: int) -> NDArray[np.float64]:
     """Return the (d, count^d) points of a regular grid over a design's box, its faces included."""
-    axes = [
-        np.linspace(low, low + width, count)
-        for low, width in zip(design.lower, design.width, strict=True)
-    ]
-    return np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
+    return lattice_points(np.linspace(design.lower, design.lower + design.width, count, axis=1))
 
 
 def measure_shape(sweeper: Sweeper, design: Design, cells: int) -> Shape:
@@ -124,35 +121,33 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
     shape = (cells + 1,) * len(design.width)
     margin, lci = (v.reshape(shape) for v in sweeper.field(design, grid_points(design, cells + 1)))
     reached = (margin >= 0.0) & (lci >= sweeper.settings.min_lci)
-    inside = _over_corners(np.logical_or, reached)
-    smallest, largest = _over_corners(np.minimum, lci), _over_corners(np.maximum, lci)
+    inside = _any_corner(reached)
     edges = sweeper.settings.regions
     sets = [inside]
     for low, high in zip(edges, edges[1:], strict=False):
+        above, below = lci >= low, lci < high
         # Cells between a corner below and one above are of the set only if they belong to a piece
         # that some reachable corner shows: out of reach the index may be anything.
-        shown = _over_corners(np.logical_or, reached & (lci >= low) & (lci < high))
-        sets.append(_pieces_with(inside & (largest >= low) & (smallest < high), shown))
+        shown = _any_corner(reached & above & below)
+        sets.append(_pieces_with(inside & _any_corner(above) & _any_corner(below), shown))
     return [topology_of(members, design.cut) for members in sets]
+
+
+def _any_corner(values: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell of each cell whether it holds for a corner."""
+    for axis in range(values.ndim):
+        along = np.moveaxis(values, axis, 0)
+        values = np.moveaxis(along[:-1] | along[1:], 0, axis)
+    return values
 
 
 def _pieces_with(members: NDArray[np.bool_], shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the pieces of a set that hold one of some cells."""
-    from scipy import ndimage
-
-    labels, count = ndimage.label(members)
+    labels, count = label(members)
     keep = np.zeros(count + 1, dtype=bool)
     keep[labels[shown]] = True
     keep[0] = False
     return np.asarray(keep[labels])
-
-
-def _over_corners(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
-    """Combine the values at the corners of each cell."""
-    for axis in range(values.ndim):
-        along = np.moveaxis(values, axis, 0)
-        values = np.moveaxis(combine(along[:-1], along[1:]), 0, axis)
-    return values
 
 
 def confirmed(fine: Topology, coarse: Topology) -> Topology:
@@ -169,11 +164,9 @@ def topology_of(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
     cut : (d, 2) bool
         Which faces of the box cut off what the set is part of.
     """
-    from scipy import ndimage  # takes longer to import than the counting itself
-
     total = int(members.sum())
     least = max(_SPECK_CELLS, _SPECK_SHARE * total)
-    labels, _ = ndimage.label(members)
+    labels, _ = label(members)
     sizes = np.sort(np.bincount(labels.ravel())[1:])[::-1]
     pieces = sizes[sizes >= least]
 
@@ -182,14 +175,14 @@ def topology_of(members: NDArray[np.bool_], cut: NDArray[np.bool_]) -> Topology:
     # pocket, one that shows in none is a void.
     outside = np.pad(~members, [(int(not low), int(not high)) for low, high in cut],
                      constant_values=True)  # fmt: skip
-    labels, _ = ndimage.label(outside, structure=np.ones((3,) * members.ndim, dtype=bool))
+    labels, _ = label(outside, diagonal=True)
     holes = np.bincount(labels.ravel())
     holes[0] = 0
     opened = holes.copy()
     for axis, faces in enumerate(cut):
         for end, is_cut in zip((0, -1), faces, strict=True):
-            shown = np.unique(np.take(labels, end, axis))
             if not is_cut:
+                shown = np.take(labels, end, axis).ravel()
                 holes[shown] = opened[shown] = 0
     corners = np.meshgrid(*([[0, -1]] * labels.ndim), indexing="ij")
     holes[labels[tuple(corners)]] = opened[labels[tuple(corners)]] = 0

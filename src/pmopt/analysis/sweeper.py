@@ -15,7 +15,8 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import Coordinate, JacobianKind, Mechanism, Parameters, Ranges, Vector
 from pmopt.numerics import sequences, sweep
-from pmopt.numerics.specialise import PLACE, Recipe, specialise
+from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.specialise import ENTRIES, PLACE, Recipe, specialise
 from pmopt.seeds import seed_sequence
 from pmopt.threads import default_threads, ordered_map
 
@@ -29,6 +30,8 @@ Notify = Callable[[str], None]
 #: Where the tool point is in the base frame; limits can be set on it where there is a tool.
 TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
 #: The characteristic length that is best is sought on this many points, within this factor.
+_STRIPS = 4096
+_FEW = 4096
 _LENGTH_POINTS = 1 << 13
 _LENGTH_FACTOR = 30.0
 
@@ -87,29 +90,32 @@ class Tallies:
         Points of each replicate.
     box : (...,) float
         Box volume of each design.
-    reachable, within, total, smallest, largest, margin : (..., R)
-        See the columns of :mod:`pmopt.numerics.sweep`.
-    above : (..., R, e) int64
+    reachable, within, hits, total, smallest, largest, margin : (..., R)
+        See the columns of :mod:`pmopt.numerics.sweep`. Points on lines count with their weights,
+        but for ``hits``.
+    above : (..., R, e) float64
         Points with an index of at least each inner region edge.
-    histogram : (..., R, BINS) int64
+    histogram : (..., R, BINS) float64
     """
 
     points: int
     box: NDArray[np.float64]
     reachable: NDArray[np.float64]
     within: NDArray[np.float64]
+    hits: NDArray[np.float64]
     total: NDArray[np.float64]
     smallest: NDArray[np.float64]
     largest: NDArray[np.float64]
     margin: NDArray[np.float64]
-    above: NDArray[np.int64]
-    histogram: NDArray[np.int64]
+    above: NDArray[np.float64]
+    histogram: NDArray[np.float64]
 
     def add(self, other: Tallies) -> None:
         """Add the tallies of further points; the order of additions fixes the last digits."""
         self.points += other.points
         self.reachable += other.reachable
         self.within += other.within
+        self.hits += other.hits
         self.total += other.total
         np.minimum(self.smallest, other.smallest, out=self.smallest)
         np.maximum(self.largest, other.largest, out=self.largest)
@@ -170,6 +176,11 @@ class Sweeper:
             "tool": settings.tool,
         }
         self._checks = tuple(name for name, given in checks.items() if given is not None)
+        if settings.sampler == "lines" and mechanism.line is None:
+            raise InputError(
+                f"{where}: sampler=lines is not offered by {mechanism.name}, "
+                "allowed: r-sequence, sobol, monte-carlo"
+            )
         self._recipe = Recipe(
             mechanism.kernel,
             mechanism.skeleton,
@@ -182,12 +193,18 @@ class Sweeper:
             len(mechanism.cones),
             self._checks,
         )
-        self._kernels = specialise(
-            self._recipe,
-            on_compile=None
+        on_compile = (
+            None
             if notify is None
-            else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds"),
+            else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds")
         )
+        self._kernels = specialise(self._recipe, on_compile)
+        self._sweep = self._kernels
+        if settings.sampler == "lines":
+            lines = self._recipe._replace(
+                line=mechanism.line, line_axis=mechanism.line_axis, line_parts=mechanism.line_parts
+            )
+            self._sweep = specialise(lines, on_compile)
 
     def design(self, parameters: Parameters) -> Design:
         """Return a design ready to be swept, its box cut to the domain."""
@@ -257,6 +274,13 @@ class Sweeper:
                                 options={"xatol": 1e-6})  # fmt: skip
         return math.exp(float(found.x))
 
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """The compiled texts of this sweeper and the entries it may call."""
+        found: dict[Compiled, tuple[str, ...]] = {self._sweep: ("sweep",)}
+        found[self._kernels] = (*found.get(self._kernels, ()), *ENTRIES[1:])
+        return found
+
     def for_purpose(self, purpose: str) -> Sweeper:
         """Return a sweeper with the same settings and independent sample points."""
         other = copy.copy(self)
@@ -265,12 +289,14 @@ class Sweeper:
 
     def sequence(self, replicates: int) -> sequences.Sequence:
         """Return the sample points shared by all designs of a run."""
-        return sequences.make_sequence(
-            self.settings.sampler,
+        sampler = self.settings.sampler
+        points = sequences.make_sequence(
+            "sobol" if sampler == "lines" else sampler,
             len(self.mechanism.pose),
             replicates,
             seed_sequence(self.seed, self.purpose),
         )
+        return points.with_last(self.mechanism.line_axis) if sampler == "lines" else points
 
     def tally(
         self,
@@ -283,9 +309,9 @@ class Sweeper:
         """Sweep the points ``first .. last - 1`` of every replicate for some designs."""
         count, replicates = len(designs), points.replicates
         statistics = np.empty((count, replicates, sweep.STATISTICS))
-        above = np.empty((count, replicates, len(self.edges)), dtype=np.int64)
-        histogram = np.empty((count, replicates, bins), dtype=np.int64)
-        self._kernels.sweep(
+        above = np.empty((count, replicates, len(self.edges)))
+        histogram = np.empty((count, replicates, bins))
+        self._sweep.sweep(
             *points,
             first,
             last,
@@ -303,13 +329,14 @@ class Sweeper:
         # An empty box is a single point repeated: nothing of it counts as reachable.
         empty = box == 0.0
         statistics[empty, :, : sweep.MIN_LCI] = 0.0
-        statistics[empty, :, sweep.WITHIN] = 0.0
+        statistics[empty, :, sweep.WITHIN :] = 0.0
         above[empty] = 0
         histogram[empty] = 0
-        reachable, total, smallest, largest, margin, within = np.moveaxis(statistics, 2, 0)
+        reachable, total, smallest, largest, margin, within, hits = np.moveaxis(statistics, 2, 0)
         return Tallies(
-            last - first, box, reachable, within, total, smallest, largest, margin, above, histogram
-        )
+            last - first, box, reachable, within, hits, total, smallest, largest, margin,
+            above, histogram,
+        )  # fmt: skip
 
     def tally_population(
         self, designs: Sequence[Design], points: sequences.Sequence, count: int
@@ -398,6 +425,38 @@ class Sweeper:
             *points, first, last, design.lower, design.width, poses, self._scratch()
         )
         return poses
+
+    def outline(
+        self, design: Design, points: sequences.Sequence, first: int, last: int
+    ) -> NDArray[np.float64]:
+        """Return points on the floor whose convex hull is that of all links at sample poses.
+
+        Of the points ``first .. last - 1`` of the first replicate those that are reachable, shape
+        (K, 2); the least and the greatest in each of many strips bound the hull.
+        """
+        floor = [k for k in range(3) if k != self.mechanism.vertical]
+        some = self.shadow(design, self.points(design, points, first, min(last, first + _FEW)))
+        if len(some) == 0:
+            return self.shadow(design, self.points(design, points, first, last))
+        # A few poses tell about how far the strips must reach.
+        reach = max(1.2 * float(np.ptp(some[:, 0])), 1e-300)
+        edge = float(some[:, 0].min()) - reach / 12
+        lowest = np.full((_STRIPS + 1, 2), np.inf)
+        highest = np.full((_STRIPS + 1, 2), -np.inf)
+        self._kernels.outline(
+            *points, first, last, np.array(design.constants), design.lower, design.width,
+            self.settings.min_lci, *floor, edge, reach / _STRIPS,
+            lowest, highest, self._scratch(),
+        )  # fmt: skip
+        found = np.concatenate([lowest, highest])
+        return np.asarray(found[np.isfinite(found).all(axis=1)])
+
+    def shadow(self, design: Design, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ends of links on the floor, (K, 2), at those of given poses in reach."""
+        floor = [k for k in range(3) if k != self.mechanism.vertical]
+        margin, lci = self.field(design, poses)
+        kept = (margin >= 0) & (lci >= self.settings.min_lci)
+        return np.asarray(self.probe(design, poses[:, kept]).segments.reshape(-1, 3)[:, floor])
 
     def _scratch(self) -> NDArray[np.float64]:
         """Return block buffers for one call of an entry."""

@@ -21,6 +21,7 @@ from pmopt.analysis.sweeper import (
     check_grid,
     chunk_ranges,
 )
+from pmopt.analysis.warmup import warm_up
 from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
 from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
@@ -73,7 +74,7 @@ class WorkspaceResult:
     regions: tuple[Region, ...]
     samples: int
     reachable: int
-    histogram: tuple[int, ...] = field(repr=False)
+    histogram: tuple[float, ...] = field(repr=False)
     shape: Shape | None
     projection: Projection | None
     units: dict[str, str]
@@ -227,6 +228,8 @@ def compute_workspace(
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     check_cells(cells, dimension, "shape_grid")
     sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
+    if cells > 0:
+        warm_up([sweeper], sweeper.threads)
     design = sweeper.design(mechanism.resolve(params or {}))
     require_home(sweeper, design)
     if settings.grid is not None:
@@ -239,16 +242,13 @@ def compute_workspace(
         points = sweeper.sequence(replicates)
         tallies = _accumulate(sweeper, design, points, 0, count, progress)
         estimates = from_replicates(tallies)
-    return _result(
-        sweeper,
-        design,
-        tallies,
-        estimates,
-        measure_shape(sweeper, design, cells) if cells > 0 else None,
-        measure_projection(sweeper, design, min(estimates.samples, PROJECTION_SAMPLES))
-        if cells > 0
-        else None,
-    )
+    shape = projection = None
+    if cells > 0:
+        shape = measure_shape(sweeper, design, cells)
+        projection = measure_projection(
+            sweeper, design, min(estimates.samples, PROJECTION_SAMPLES), (estimates.volume, shape)
+        )
+    return _result(sweeper, design, tallies, estimates, shape, projection)
 
 
 def _accumulate(

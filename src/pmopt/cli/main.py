@@ -31,6 +31,7 @@ COMMANDS = {
     "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
     "draw": ("pmopt.cli.draw", "Draw a mechanism at a pose."),
     "init": ("pmopt.cli.init", "Write a commented starting configuration."),
+    "warmup": ("pmopt.cli.warmup", "Compile kernels ahead."),
     "completion": ("pmopt.cli.completion", "Print the script of shell completion."),
 }
 

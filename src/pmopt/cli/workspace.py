@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--sampler",
-    type=click.Choice(["r-sequence", "sobol", "monte-carlo"]),
-    help="Default: r-sequence.",
+    type=click.Choice(["r-sequence", "sobol", "monte-carlo", "lines"]),
+    help="Default: r-sequence. lines: exact along one coordinate, where a mechanism offers it.",
 )
 @click.option(
     "--replicates",

@@ -258,6 +258,14 @@ class Mechanism(ABC):
     spokes: ClassVar[tuple[int, ...]] = ()
     #: Coordinate of the base frame that is across the floor.
     vertical: ClassVar[int] = 2
+    #: Exact reach along one coordinate, where a mechanism offers it:
+    #: ``line(*pose, low, high, constants) -> (start, end, start, end, ..)``, the parts outside of
+    #: which nothing is reachable of the line along coordinate :attr:`line_axis` through the pose,
+    #: from ``low`` to ``high``: :attr:`line_parts` of them, disjoint, ascending, empty where
+    #: end <= start. What is not reachable of them is left to the margin. A kernel function.
+    line: ClassVar[Callable[..., tuple[float, ...]] | None] = None
+    line_axis: ClassVar[int] = 0
+    line_parts: ClassVar[int] = 0
     #: Names of the passive U and S joints whose cone angle the skeleton tells.
     cones: ClassVar[tuple[str, ...]] = ()
 

@@ -373,6 +373,23 @@ def cur_start(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     return [px, py, *(math.atan2(*turn) for turn in turns)]
 
 
+def cur_line(z, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]
+    """Return what the strokes leave of a line along z: h_i - z follows from the tilt alone."""
+    (
+        ra, rb, length, d1, up1, up2, up3, _, low1, high1, low2, high2, low3, high3,
+        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    ra = ra / length
+    rb = rb / length
+    _, _, _, _, c1, s1, c2, s2, c3, s3, _ = cur_solve(beta, gamma, ra, rb, up1, up2, up3)
+    r1z, _, w1z, r2z, _, w2z, r3z, _, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
+    z1 = d1 - length * (rb * r1z - w1z)
+    z2 = d1 - length * (rb * r2z - w2z)
+    z3 = d1 - length * (rb * r3z - w3z)
+    start = cur_more(cur_more(low1 + z1, low2 + z2), cur_more(low3 + z3, low))
+    return start, cur_less(cur_less(high1 + z1, high2 + z2), cur_less(high3 + z3, high))
+
+
 def cur_skeleton(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     """Return the platform, the three links and the platform's spokes, and the cones."""
     (
@@ -474,6 +491,9 @@ class Cur(Mechanism):
     kernel = staticmethod(cur_kernel)
     constant_count = 31
     implicit = Implicit(6, (1, 2), cur_residuals, cur_of_unknowns, cur_start)
+    line = staticmethod(cur_line)
+    line_axis = 0
+    line_parts = 1
     skeleton = staticmethod(cur_skeleton)
     segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2)

@@ -108,6 +108,35 @@ def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+def line(x, y, z, low, high, constants):  # type: ignore[no-untyped-def]
+    """Return what both tori leave of a line along y.
+
+    It has (r - l1)^2 + y^2 <= l2^2 <= (r + l1)^2 + y^2 for both limbs. The limits of the crank
+    angles are left to the margin.
+    """
+    (
+        span, height, l1, excess, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    b = z - height
+    a1 = span - x
+    a2 = span + x
+    r1 = math.sqrt(a1 * a1 + b * b)
+    r2 = math.sqrt(a2 * a2 + b * b)
+    link2 = l1 * l1 - excess
+    outer1 = link2 - (r1 - l1) * (r1 - l1)
+    outer2 = link2 - (r2 - l1) * (r2 - l1)
+    inner1 = link2 - (r1 + l1) * (r1 + l1)
+    inner2 = link2 - (r2 + l1) * (r2 + l1)
+    outer = outer1 if outer1 < outer2 else outer2
+    inner = inner1 if inner1 > inner2 else inner2
+    far = math.sqrt(outer if outer > 0.0 else 0.0)
+    near = math.sqrt(inner if inner > 0.0 else 0.0)
+    return (
+        -far if -far > low else low, -near if -near < high else high,
+        near if near > low else low, far if far < high else high,
+    )  # fmt: skip
+
+
 def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
     """Return the platform, cranks, links and platform radii, and the cosines of the U joints.
 
@@ -192,6 +221,9 @@ class PauuPpap(Mechanism):
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
     constant_count = 21
+    line = staticmethod(line)
+    line_axis = 1
+    line_parts = 2
     skeleton = staticmethod(skeleton)
     segments = (0, 0, 1, 1, PLATFORM, PLATFORM)
     spokes = (0, 1)

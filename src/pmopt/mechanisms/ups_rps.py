@@ -129,6 +129,44 @@ def rps_kernel(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untyped-
     )
 
 
+def rps_within(start, end, centre, across2, low, high):  # type: ignore[no-untyped-def]
+    """Cut a part of a line to where a limb's length^2 = (t - centre)^2 + across2 is in its limits.
+
+    Of the two parts that the lower limit leaves one is dropped where the line does not reach it;
+    where it reaches both, the gap between them is left to the margin.
+    """
+    outer = high * high - across2
+    inner = low * low - across2
+    far = math.sqrt(outer if outer > 0.0 else 0.0)
+    near = math.sqrt(inner if inner > 0.0 else 0.0)
+    start = centre - far if centre - far > start else start
+    end = centre + far if centre + far < end else end
+    start = centre + near if centre - near <= start < centre + near else start
+    end = centre - near if centre - near < end <= centre + near else end
+    return start, (end if outer > 0.0 else start)
+
+
+def rps_stroke(start, end, limb, low, high):  # type: ignore[no-untyped-def]
+    """Cut a part of a line along x to a limb's stroke; ``limb`` at x = 0."""
+    _, _, _, lx, ly, lz, _ = limb
+    return rps_within(start, end, -lx, ly * ly + lz * lz, low, high)
+
+
+def rps_line(x, y, alpha, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]
+    """Return what the strokes leave of a line along x: l_i^2 is quadratic in x."""
+    (
+        r1, q, s1y, s1z, s2y, s2z, s3y, s3z, s4y, s4z, s5y, s5z, radius, _,
+        low1, high1, low2, high2, low3, high3, low4, high4, low5, high5,
+        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    r, _, _, z, _, _ = rps_place(alpha, beta, gamma, radius)
+    part = rps_stroke(low, high, rps_limb(r, 0.0, y, z, s1y, s1z, r1, 0.0), low1, high1)
+    part = rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s2y, s2z, q, q), low2, high2)
+    part = rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s3y, s3z, -q, q), low3, high3)
+    part = rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s4y, s4z, -q, -q), low4, high4)
+    return rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s5y, s5z, q, -q), low5, high5)
+
+
 def rps_in_base(limb, ux, uy, uz):  # type: ignore[no-untyped-def]
     """Return the cosine between a limb and a direction of the base."""
     _, _, _, lx, ly, lz, length = limb
@@ -221,6 +259,9 @@ class UpsRps(Mechanism):
     working_modes = ("direct",)
     kernel = staticmethod(rps_kernel)
     constant_count = 51
+    line = staticmethod(rps_line)
+    line_axis = 0
+    line_parts = 1
     skeleton = staticmethod(rps_skeleton)
     segments = (0, 1, 2, 3, 4, *[PLATFORM] * 5)
     spokes = (0, 1, 2, 3, 4)

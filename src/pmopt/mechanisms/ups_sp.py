@@ -125,6 +125,46 @@ def sp_kernel(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+def sp_within(start, end, centre, across2, low, high):  # type: ignore[no-untyped-def]
+    """Cut a part of a line to where a limb's length^2 = (t - centre)^2 + across2 is in its limits.
+
+    Of the two parts that the lower limit leaves one is dropped where the line does not reach it;
+    where it reaches both, the gap between them is left to the margin.
+    """
+    outer = high * high - across2
+    inner = low * low - across2
+    far = math.sqrt(outer if outer > 0.0 else 0.0)
+    near = math.sqrt(inner if inner > 0.0 else 0.0)
+    start = centre - far if centre - far > start else start
+    end = centre + far if centre + far < end else end
+    start = centre + near if centre - near <= start < centre + near else start
+    end = centre - near if centre - near < end <= centre + near else end
+    return start, (end if outer > 0.0 else start)
+
+
+def sp_stroke(start, end, r, limb, low, high):  # type: ignore[no-untyped-def]
+    """Cut a part of a line along l4 to a limb's stroke; ``limb`` at l4 = 0."""
+    _, _, _, nx, ny, nz = limb
+    along = nx * r[2] + ny * r[5] + nz * r[8]
+    across2 = nx * nx + ny * ny + nz * nz - along * along
+    return sp_within(start, end, -along, across2, low, high)
+
+
+def sp_line(phi, theta, psi, l4, low, high, constants):  # type: ignore[no-untyped-def]
+    """Return what the strokes leave of a line along l4: l_i^2 is quadratic in l4."""
+    (
+        base, e1x, e1y, e2x, e2y, e3x, e3y, _, _, _,
+        low1, high1, low2, high2, low3, high3, low4, high4,
+        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    r = roll_pitch_yaw(phi, theta, psi)
+    start = low4 if low4 > low else low
+    end = high4 if high4 < high else high
+    start, end = sp_stroke(start, end, r, sp_limb(r, base, -base, base, 0.0, e1x, e1y), low1, high1)
+    start, end = sp_stroke(start, end, r, sp_limb(r, base, base, base, 0.0, e2x, e2y), low2, high2)
+    return sp_stroke(start, end, r, sp_limb(r, -base, base, base, 0.0, e3x, e3y), low3, high3)
+
+
 def sp_cones(s, r, ux, uy, uz, vx, vy, vz):  # type: ignore[no-untyped-def]
     """Return the cosines between a limb and its reference in the base and in the platform."""
     _, _, _, nx, ny, nz = s
@@ -213,6 +253,9 @@ class UpsSp(Mechanism):
     working_modes = ("direct",)
     kernel = staticmethod(sp_kernel)
     constant_count = 39
+    line = staticmethod(sp_line)
+    line_axis = 3
+    line_parts = 1
     skeleton = staticmethod(sp_skeleton)
     segments = (0, 1, 2, 3, PLATFORM, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2, 3)

@@ -10,12 +10,14 @@ begin at once on an empty cache do not meet half a file.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import hashlib
 import importlib.metadata
-import importlib.util
+import json
 import os
+import subprocess
 import sys
 import tempfile
 import threading
@@ -36,6 +38,10 @@ _UNUSED = (
 _SYMBOL = "pmopt_entry"
 #: Bytes of the hash that precedes object code in a file: LLVM ends the process on half a file.
 _DIGEST = 32
+_KINDS: dict[str, Any] = {
+    "int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double,
+    "uint8": ctypes.c_uint8, "int32": ctypes.c_int32,
+}  # fmt: skip
 _lock = threading.Lock()
 _engines: list[Any] = []  # what keeps loaded machine code alive
 
@@ -47,10 +53,11 @@ class Entry(NamedTuple):
     ----------
     name : str
     arguments : tuple of str
-        ``"int64"``, ``"uint64"``, ``"float64"`` or one of them with ``"[:]"``, ``"[:,:]"``, ..
-        appended: a C-contiguous array. A number in place of a colon fixes the length of an axis, so
-        that the compiler knows where rows lie and that they do not overlap. Entries return nothing
-        (results go into arrays), allocate nothing (scratch space is an argument) and raise nothing.
+        ``"int64"``, ``"uint64"``, ``"float64"``, ``"uint8"``, ``"int32"`` or one of them with
+        ``"[:]"``, ``"[:,:]"``, .. appended: a C-contiguous array. A number in place of a colon
+        fixes the length of an axis, so that the compiler knows where rows lie and that they do not
+        overlap. Entries return nothing (results go into arrays), allocate nothing (scratch space is
+        an argument) and raise nothing.
     """
 
     name: str
@@ -125,14 +132,15 @@ class Compiled:
     ) -> None:
         self.folder = folder_of(text, entries)
         self.on_compile = on_compile
-        self._text = text
-        self._entries = {e.name: e for e in entries}
+        self.text = text
+        self.entries = tuple(entries)
+        self._by_name = {e.name: e for e in entries}
         self._module: ModuleType | None = None
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         """Return an entry as a function of numbers and arrays."""
         try:
-            entry = self.__dict__["_entries"][name]
+            entry = self.__dict__["_by_name"][name]
         except KeyError:
             raise AttributeError(name) from None
         with _lock:
@@ -174,12 +182,66 @@ class Compiled:
         """Import the text, from a file where one can be written so that it can be read."""
         name = f"pmopt_kernels_{self.folder.name}"
         path = self.folder / "kernels.py"
-        write_whole(path, self._text.encode())
+        write_whole(path, self.text.encode())
         module = ModuleType(name)
         module.__file__ = str(path)
         sys.modules[name] = module
-        exec(compile(self._text, str(path), "exec"), module.__dict__)
+        exec(compile(self.text, str(path), "exec"), module.__dict__)
         return module
+
+
+def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
+    """Compile what is missing of the entries wanted, in processes of their own.
+
+    Whatever a process can not do is done later, by the call that needs it.
+
+    Parameters
+    ----------
+    wanted : sequence of (Compiled, entry name)
+    workers : int
+        Processes at most.
+    """
+    missing = [(c, name) for c, name in wanted if not c.is_compiled(name)]
+    if not missing:
+        return
+    for compiled in dict.fromkeys(c for c, _ in missing):
+        if compiled.on_compile is not None:
+            compiled.on_compile()
+            compiled.on_compile = None
+    # Entries of one text share functions: each process takes neighbours, about as much text.
+    shares: list[list[Any]] = [[] for _ in range(min(workers, len(missing)))]
+    total, done = sum(len(c.text) for c, _ in missing), 0
+    for c, name in missing:
+        entries = [[e.name, list(e.arguments)] for e in c.entries]
+        shares[done * len(shares) // total].append([c.text, entries, name])
+        done += len(c.text)
+    command = [sys.executable, "-c", f"from {__name__} import _serve; _serve()"]
+    processes = []
+    try:
+        for share in filter(None, shares):
+            process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+            processes.append(process)
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(share).encode())
+                process.stdin.close()
+        for process in processes:
+            process.wait()
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def _serve() -> None:
+    """Compile what stdin asks for: what a process of :func:`compile_ahead` runs."""
+    texts: dict[str, Compiled] = {}
+    for text, entries, name in json.load(sys.stdin):
+        if text not in texts:
+            texts[text] = Compiled(text, [Entry(n, tuple(a)) for n, a in entries])
+        getattr(texts[text], name)
 
 
 def _object_code(entry: Entry, function: Any) -> bytes:
@@ -187,7 +249,7 @@ def _object_code(entry: Entry, function: Any) -> bytes:
     import llvmlite.binding as llvm
     from numba import carray, cfunc, types
 
-    kinds = {"int64": types.int64, "uint64": types.uint64, "float64": types.float64}
+    kinds = {name: getattr(types, name) for name in _KINDS}
     signature, names, views = [], [], []
     for k, argument in enumerate(entry.arguments):
         kind, _, axes = argument.partition("[")
@@ -257,13 +319,12 @@ def _load(code: bytes) -> int:
 
 def _caller(entry: Entry, address: int) -> Callable[..., None]:
     """Return a function that passes numbers and arrays to an entry; it releases the GIL."""
-    scalars = {"int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double}
     types: list[Any] = []
     arrays: list[tuple[np.dtype[Any], tuple[int | None, ...]] | None] = []
     for argument in entry.arguments:
         kind, _, axes = argument.partition("[")
         if not axes:
-            types.append(scalars[kind])
+            types.append(_KINDS[kind])
             arrays.append(None)
             continue
         shape = tuple(None if n == ":" else int(n) for n in axes.rstrip("]").split(","))

@@ -32,6 +32,8 @@ TINY = 1e-300
 #: Relative separation of eigenvalues of A A^T below which the closed forms lose digits: they lose
 #: the inverse of its root, 3 of 16.
 DOUBT = 1e-5
+#: Squared share of the second singular value in the first below which the index is below 1e-13.
+RANK_ONE = 1e-26
 #: Squared cosine of the angle between columns below which one more turn leaves cosines below 1e-13:
 #: rotations converge quadratically.
 ORTHOGONAL = 1e-13
@@ -71,7 +73,7 @@ def inverse_condition_2(a, b, c, d, e, f, g, h, i):
     where the characteristic polynomial of A A^T loses it. That takes the larger two or the smaller
     two singular values to be apart, and the second not to be much smaller than the first: where
     they are not by a share of DOUBT, digits would be lost and -1 is returned; see
-    :func:`careful_condition_2`. A zero matrix gives -1 too.
+    :func:`careful_condition_2`. Where the second is but rounding the index is 0.
     """
     g11 = a * a + b * b + c * c
     g22 = d * d + e * e + f * f
@@ -118,7 +120,8 @@ def inverse_condition_2(a, b, c, d, e, f, g, h, i):
     l3 = product / (l2 + TINY)
     # Written so that NaN is a doubt too.
     sure = ratio > DOUBT - 1.0 and gap > DOUBT * square and l2 > DOUBT * l1
-    return math.sqrt(l3 * inverse_l1) if sure else -1.0
+    found = math.sqrt(l3 * inverse_l1) if sure else -1.0
+    return 0.0 if minors <= RANK_ONE * l1 * l1 else found
 
 
 def careful_condition_2(a, b, c, d, e, f, g, h, i):
@@ -195,9 +198,10 @@ def inverse_condition_fro(a, b, c, d, e, f, g, h, i):
         + m31 * m31 + m32 * m32 + m33 * m33
     )  # fmt: skip
     norm2 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
-    # Near rank one the minors are rounding errors.
+    # Near rank one the minors lose their digits.
     sure = minors > DOUBT * norm2 * norm2
-    return abs(det) / math.sqrt(norm2 * minors + TINY) if sure else -1.0
+    found = abs(det) / math.sqrt(norm2 * minors + TINY) if sure else -1.0
+    return 0.0 if minors <= RANK_ONE * norm2 * norm2 else found
 
 
 #: Rows of the matrices, written into the specialised module.

@@ -65,6 +65,18 @@ class Sequence(NamedTuple):
         """Number of independent randomisations."""
         return int(self.start.shape[0])
 
+    def with_last(self, axis: int) -> Sequence:
+        """Return the sequence with its last, least even coordinate moved to an axis."""
+        dimension = self.start.shape[1]
+        order = list(range(dimension - 1))
+        order.insert(axis, dimension - 1)
+        return self._replace(
+            step=np.ascontiguousarray(self.step[order]),
+            start=np.ascontiguousarray(self.start[:, order]),
+            high=np.ascontiguousarray(self.high[:, order]),
+            low=np.ascontiguousarray(self.low[:, order]),
+        )
+
 
 def golden_steps(dimension: int) -> NDArray[np.uint64]:
     """Return the steps of the R-sequence as fractions of 2**64.

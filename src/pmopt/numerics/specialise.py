@@ -7,8 +7,8 @@ helpers and the functions of :mod:`pmopt.numerics.sweep`, copied from their sour
 
 from __future__ import annotations
 
-import ast
 import inspect
+import linecache
 import math
 import textwrap
 from collections.abc import Callable
@@ -32,14 +32,29 @@ PLACE = 12
 # Contraction only: it fuses multiply and add, and assumes nothing about NaN or infinity.
 # Inlining in numba's own code gives 5 to 8 % faster loops than LLVM's; for all but small kernels
 # it takes minutes to compile (3-UPS/SP: 57 s against 8 s).
-_INLINE = '@njit(inline="always", fastmath={"contract"}, error_model="numpy")'
-_FORCE = '@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")'
+_OPTIONS = (
+    'fastmath={"contract"}, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True'
+)
+_INLINE = f'@njit(inline="always", {_OPTIONS})'
+_FORCE = f"@njit(forceinline=True, {_OPTIONS})"
 _SMALL = 5000
-_PLAIN = '@njit(fastmath={"contract"}, error_model="numpy")'
-_STUBS = ("margin_of", "index_block", "facts_of", "unpack", "FACTS", "ORDER", "AXES")
+_PLAIN = f"@njit({_OPTIONS})"
+_STUBS = (
+    "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
+    "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
+    "PLACE", "ENDS",
+)  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
-_ENTRIES = ("sweep", "field", "points", "probe")
+#: Begins the second look at indices that the closed form has doubted.
+_DOUBTFUL = (
+    "    doubtful = 0\n"
+    "    for i in range(count):\n"
+    "        doubtful += 1 if lci[i] < 0.0 else 0\n"
+    "    if doubtful > 0:\n"
+    "        for i in range(count):\n"
+)
+ENTRIES = ("sweep", "field", "points", "probe", "outline")
 
 
 class Recipe(NamedTuple):
@@ -63,6 +78,11 @@ class Recipe(NamedTuple):
         Number of cone angles.
     checks : tuple of str
         Of "clearance", "cone" and "tool": limits that the margin is to hold beside the kernel's.
+    line : function, optional
+        ``line(*pose, low, high, constants) -> (start, end, ..)``: points are placed on the parts it
+        leaves of lines along a coordinate; see :attr:`pmopt.mechanisms.base.Mechanism.line`.
+    line_axis, line_parts : int
+        Which coordinate, and how many parts it returns.
     """
 
     kernel: Callable[..., Any]
@@ -75,6 +95,9 @@ class Recipe(NamedTuple):
     spokes: tuple[int, ...]
     cones: int
     checks: tuple[str, ...] = ()
+    line: Callable[..., Any] | None = None
+    line_axis: int = 0
+    line_parts: int = 0
 
     @property
     def facts(self) -> int:
@@ -84,7 +107,7 @@ class Recipe(NamedTuple):
     @property
     def scratch_rows(self) -> int:
         """Rows of BLOCK numbers that a sweep needs for itself."""
-        return self.pose_size + 2 + self.order**2
+        return self.pose_size + 3 + self.order**2
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -93,13 +116,17 @@ class Recipe(NamedTuple):
         return (
             Entry("sweep", (
                 *_SEQUENCE, "int64", "int64", _TABLE, _TABLE, _TABLE, "float64", "float64[:]",
-                "float64[:,:,:]", "int64[:,:,:]", "int64[:,:,:]", scratch,
+                "float64[:,:,:]", "float64[:,:,:]", "float64[:,:,:]", scratch,
             )),
             Entry("field", (_TABLE, "float64[:]", "float64[:]", "float64[:]", scratch)),
             Entry("points", (
                 *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", _TABLE, scratch,
             )),
             Entry("probe", (_TABLE, "float64[:]", _TABLE)),
+            Entry("outline", (
+                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]", "float64",
+                "int64", "int64", "float64", "float64", _TABLE, _TABLE, scratch,
+            )),
         )  # fmt: skip
 
 
@@ -108,7 +135,7 @@ _loaded: dict[Recipe, Compiled] = {}
 
 def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
     """Add the source of ``function`` and of all it refers to, dependencies first."""
-    for name in sorted(_names(function)):
+    for name in sorted(function.__code__.co_names):
         if name not in function.__globals__ or name in _STUBS:
             continue
         value = function.__globals__[name]
@@ -120,16 +147,24 @@ def _collect(function: Callable[..., Any], blocks: dict[str, str]) -> None:
                 raise TypeError(f"two kernel constants are named {name}")
         elif value is not math and value is not np:
             raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
-    source = textwrap.dedent(inspect.getsource(function))
+    source = _source(function)
     # Entries are compiled into the one function that calls them, where rows lie at known places.
-    text = f"{_FORCE if function.__name__ in _ENTRIES else _INLINE}\n{source}"
+    text = f"{_FORCE if function.__name__ in ENTRIES else _INLINE}\n{source}"
     if blocks.setdefault(function.__name__, text) != text:
         raise TypeError(f"two kernel functions are named {function.__name__}")
 
 
-def _names(function: Callable[..., Any]) -> set[str]:
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+def _source(function: Callable[..., Any]) -> str:
+    """Return the text of a function; ``inspect`` takes ten times as long where no doubt is."""
+    lines = linecache.getlines(function.__code__.co_filename)
+    first = function.__code__.co_firstlineno - 1
+    last = first + 1
+    while last < len(lines) and (not lines[last].strip() or lines[last][0] in " )"):
+        last += 1
+    text = "".join(lines[first:last])
+    if text.startswith("def ") and text.count('"""') in (0, 2):
+        return text.rstrip() + "\n"
+    return textwrap.dedent(inspect.getsource(function))
 
 
 def module_text(recipe: Recipe) -> str:
@@ -140,9 +175,15 @@ def module_text(recipe: Recipe) -> str:
     blocks: dict[str, str] = {}
     blocks["ORDER"] = f"ORDER = {order}"
     blocks["AXES"] = f"AXES = {recipe.pose_size}"
+    blocks["LINES"] = f"LINES = {int(recipe.line is not None)}"
+    blocks["LINE_AXIS"] = f"LINE_AXIS = {recipe.line_axis}"
+    blocks["PLACE"] = f"PLACE = {PLACE}"
+    blocks["ENDS"] = f"ENDS = {2 * len(recipe.segments)}"
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
     _collect(kernel, blocks)
     _collect(recipe.skeleton, blocks)
+    if recipe.line is not None:
+        _collect(recipe.line, blocks)
     own_length = sum(map(len, blocks.values()))
     _collect(conditioning, blocks)
     if order == 3:
@@ -153,42 +194,86 @@ def module_text(recipe: Recipe) -> str:
     constants = ", ".join(f"constants[{c}]" for c in range(count))
     own = f"constants[:{recipe.constant_count}]" if recipe.checks else "constants"
     call = f"{kernel.__name__}({pose}, {own})"
-    blocks["margin_of"] = f"{_INLINE}\ndef margin_of(pose, i, constants):\n    " + (
-        f"margin = {call}[0]\n{_checks(recipe, pose)}    return margin\n"
-        if recipe.checks
-        else f"return {call}[0]\n"
-    )
-    head = "def index_block(pose, count, constants, work, lci):\n    for i in range(count):\n"
+    margin = "    margin = result[0]\n" + (_checks(recipe, pose) if recipe.checks else "")
+    heavy = order == 3 and own_length > _SMALL
+    blocks["HEAVY"] = f"HEAVY = {int(heavy)}"
+
+    def define(name: str, arguments: str, body: str, decorator: str = _INLINE) -> None:
+        blocks[name] = f"{decorator}\ndef {name}({arguments}):\n{body}"
+
+    point, block = "pose, i, constants", "pose, count, constants"
+    evaluated = f"    result = {call}\n"
+    each = "    for i in range(count):\n"
+    kept = "".join(f"    work[{e}, i] = {text}\n" for e, text in enumerate(entries))
+    define("margin_of", point, f"{evaluated}{margin}    return margin\n")
     if order == 3:
-        blocks["careful_index"] = (
-            f"{_PLAIN}\ndef careful_index(pose, i, constants):\n    result = {call}\n"
-            f"    return {CAREFUL[recipe.norm].__name__}({', '.join(entries)})\n"
+        stored = [f"work[{e}, i]" for e in range(9)]
+        closed = (
+            f"    lci[i] = {conditioning.__name__}({', '.join(stored if heavy else entries)})\n"
         )
-        body = f"        lci[i] = {conditioning.__name__}({', '.join(entries)})\n" + (
-            "    doubtful = 0\n"
-            "    for i in range(count):\n"
-            "        doubtful += 1 if lci[i] < 0.0 else 0\n"
-            "    if doubtful > 0:\n"
-            "        for i in range(count):\n"
-            "            if lci[i] < 0.0:\n"
-            "                lci[i] = careful_index(pose, i, constants)\n"
-        )
+        careful = f"{CAREFUL[recipe.norm].__name__}({', '.join(stored if heavy else entries)})"
+        if heavy:
+            define("careful_index", "work, i", f"    return {careful}\n", _PLAIN)
+        else:
+            define("careful_index", point, f"{evaluated}    return {careful}\n", _PLAIN)
+    if heavy:
+        # The kernel is worth being evaluated, and compiled, once: entries are kept for all points.
+        each_point = textwrap.indent(f"{evaluated}{margin}    margins[i] = margin\n{kept}", "    ")
+        define("evaluate_block", f"{block}, work, margins", each + each_point)
+        again = "            if lci[i] < 0.0 and margins[i] >= 0.0:\n"
+        again += "                lci[i] = careful_index(work, i)\n"
+        define("index_block", f"{block}, work, lci", "    raise NotImplementedError\n")
+        define("index_all", "count, work, margins, lci",
+               each + textwrap.indent(closed, "    ") + _DOUBTFUL + again)  # fmt: skip
+    elif order == 3:
+        again = "            if lci[i] < 0.0:\n"
+        again += "                lci[i] = careful_index(pose, i, constants)\n"
+        each_point = textwrap.indent(f"{evaluated}{closed}", "    ")
+        define("index_block", f"{block}, work, lci", each + each_point + _DOUBTFUL + again)
     else:
-        body = "".join(f"        work[{e}, i] = {text}\n" for e, text in enumerate(entries))
-        body += f"    {conditioning.__name__}(work, count, lci)\n"
-    blocks["index_block"] = f"{_INLINE}\n{head}        result = {call}\n{body}"
+        define("index_block", f"{block}, work, lci",
+               each + textwrap.indent(f"{evaluated}{kept}", "    ")
+               + f"    {conditioning.__name__}(work, count, lci)\n")  # fmt: skip
+    define("place_on_line", "pose, i, low, width, constants",
+           _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
-    blocks["facts_of"] = (
-        f"{_INLINE}\ndef facts_of(pose, i, constants):\n    result = {call}\n"
-        f"    return (margin_of(pose, i, constants), {', '.join(entries)}) + {skeleton}\n"
-    )
+    define("skeleton_of", point, f"    return {skeleton}\n")
+    facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
+    define("facts_of", point, evaluated + margin + facts)
     blocks["unpack"] = f"{_INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
-    for entry in _ENTRIES:
+    for entry in ENTRIES:
         _collect(getattr(sweep, entry), blocks)
     text = "\n\n".join(blocks.values())
     if own_length > _SMALL or recipe.checks:
         text = text.replace(_INLINE, _FORCE)
     return f"import math\n\nimport numpy as np\nfrom numba import njit\n\n\n{text}"
+
+
+def _place(recipe: Recipe, arguments: str) -> str:
+    """Return the lines that place a point at the share of the parts that it had of the line."""
+    axis = f"pose[{recipe.line_axis}, i]"
+    if recipe.line is None:
+        return f"    return {axis}, 1.0\n"
+    parts = range(recipe.line_parts)
+    lines = [f"parts = {recipe.line.__name__}{arguments}"]
+    for k in parts:
+        lines += [
+            f"length{k} = parts[{2 * k + 1}] - parts[{2 * k}]",
+            f"length{k} = length{k} if length{k} > 0.0 else 0.0",
+        ]
+    lines += [
+        f"total = {' + '.join(f'length{k}' for k in parts)}",
+        "share = total / width",
+        f"along = ({axis} - low) * share",
+        "place = parts[0] + along",
+    ]
+    for k in parts[1:]:
+        lines += [
+            f"along = along - length{k - 1}",
+            f"place = parts[{2 * k}] + along if along >= 0.0 else place",
+        ]
+    lines.append(f"return (place if total > 0.0 else {axis}), share")
+    return "".join(f"    {line}\n" for line in lines)
 
 
 def _checks(recipe: Recipe, pose: str) -> str:

@@ -20,7 +20,8 @@ MIN_LCI = 2
 MAX_LCI = 3
 BEST_MARGIN = 4  # largest margin met while no point had been within the limits
 WITHIN = 5  # points inside every limit, whatever their LCI
-STATISTICS = 6
+HITS = 6  # as REACHABLE, but points on lines count as one, whatever their weight
+STATISTICS = 7
 
 TWO_POW_M52 = 1.0 / 4503599627370496.0
 TWO_POW_M64 = 1.0 / 18446744073709551616.0
@@ -39,6 +40,24 @@ def index_block(pose, count, constants, work, lci):
     raise NotImplementedError
 
 
+def evaluate_block(pose, count, constants, work, margins):
+    """Stub, for heavy kernels: write margins and, into ``work``, entries of a block's poses."""
+    raise NotImplementedError
+
+
+def index_all(count, work, margins, lci):
+    """Stub: write the indices of entries in ``work``; doubtful ones, < 0, only out of reach."""
+    raise NotImplementedError
+
+
+def place_on_line(pose, i, low, width, constants):
+    """Stub: move pose ``i`` into the reachable part of its line, from the mechanism's ``line``.
+
+    Returns the coordinate and the part's share of the line, 0 where nothing of it is reachable.
+    """
+    raise NotImplementedError
+
+
 def facts_of(pose, i, constants):
     """Stub: what ``probe`` writes of pose ``i`` of a block, as a tuple."""
     raise NotImplementedError
@@ -46,8 +65,23 @@ def facts_of(pose, i, constants):
 
 #: Stub: coordinates of a pose.
 AXES = 0
+#: Stub: whether points are placed on the reachable parts of lines, and along which coordinate.
+LINES = 0
+LINE_AXIS = 0
+#: Stub: whether the kernel costs so much that it is evaluated once for margin and entries.
+HEAVY = 0
 #: Stub: length of the tuple of ``facts_of``.
 FACTS = 0
+
+
+def skeleton_of(pose, i, constants):
+    """Stub: the skeleton of pose ``i`` of a block, as a tuple."""
+    raise NotImplementedError
+
+
+#: Stub: where the ends of segments begin in it, and how many there are.
+PLACE = 0
+ENDS = 0
 
 
 def unpack(constants):
@@ -60,6 +94,34 @@ def mix(x):
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
+
+
+def sum_of(values, count):
+    """Sum values; four running sums: a single one would wait for its own last addition."""
+    s0 = s1 = s2 = s3 = 0.0
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        s0 += values[i]
+        s1 += values[i + 1]
+        s2 += values[i + 2]
+        s3 += values[i + 3]
+    for i in range(whole, count):
+        s0 += values[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+def weight_above(values, weights, edge, count):
+    """Sum the weights of values of at least the edge, as in :func:`sum_of`."""
+    s0 = s1 = s2 = s3 = 0.0
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        s0 += weights[i] if values[i] >= edge else 0.0
+        s1 += weights[i + 1] if values[i + 1] >= edge else 0.0
+        s2 += weights[i + 2] if values[i + 2] >= edge else 0.0
+        s3 += weights[i + 3] if values[i + 3] >= edge else 0.0
+    for i in range(whole, count):
+        s0 += weights[i] if values[i] >= edge else 0.0
+    return (s0 + s1) + (s2 + s3)
 
 
 def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
@@ -129,6 +191,9 @@ def sweep(
 ):  # fmt: skip
     """Sum over the points ``first .. last - 1`` of every replicate, for every design.
 
+    On lines every point stands for the reachable part of its line: it counts with that part's
+    share of the line's length.
+
     Parameters
     ----------
     kind, step, start, high, low, cells
@@ -144,9 +209,9 @@ def sweep(
     edges : (e,) float64
         Inner edges of the dexterity regions, ascending.
     statistics : (D, R, STATISTICS) float64
-    region_counts : (D, R, e) int64
+    region_counts : (D, R, e) float64
         Points with an index of at least the edge.
-    histogram : (D, R, b) int64
+    histogram : (D, R, b) float64
         Counts in b equal bins of [0, 1]; b = 0 for none.
     scratch : (rows, BLOCK) float64
         Overwritten; see ``Recipe.scratch_rows``.
@@ -156,12 +221,14 @@ def sweep(
     pose = scratch[:AXES]
     margin = scratch[AXES]
     lci = scratch[AXES + 1]
-    work = scratch[AXES + 2 :]
+    weight = scratch[AXES + 2]
+    work = scratch[AXES + 3 :]
     for design in range(constants.shape[0]):
         k = unpack(constants[design])
         for replicate in range(start.shape[0]):
-            reachable = 0
-            within = 0
+            hits = 0
+            reachable = 0.0
+            within = 0.0
             total = 0.0
             smallest = np.inf
             largest = -np.inf
@@ -176,21 +243,40 @@ def sweep(
                     kind, step, start[replicate], high[replicate], low[replicate], cells,
                     block, count, lower[design], width[design], pose,
                 )  # fmt: skip
-                for i in range(count):
-                    margin[i] = margin_of(pose, i, k)
+                if LINES:
+                    for i in range(count):
+                        place, share = place_on_line(
+                            pose, i, lower[design, LINE_AXIS], width[design, LINE_AXIS], k
+                        )
+                        pose[LINE_AXIS, i] = place
+                        weight[i] = share
+                if HEAVY:
+                    evaluate_block(pose, count, k, work, margin)
+                    index_all(count, work, margin, lci)
+                else:
+                    for i in range(count):
+                        margin[i] = margin_of(pose, i, k)
                 kept = 0
                 for i in range(count):
-                    for d in range(AXES):
-                        pose[d, kept] = pose[d, i]
-                    if margin[i] >= 0.0:
+                    if HEAVY:
+                        lci[kept] = lci[i]
+                    else:
+                        for d in range(AXES):
+                            pose[d, kept] = pose[d, i]
+                    if LINES:
+                        weight[kept] = weight[i]
+                        if margin[i] >= 0.0 and weight[i] > 0.0:
+                            kept += 1
+                    elif margin[i] >= 0.0:
                         kept += 1
                 if kept == 0:
                     for i in range(count):
                         if margin[i] > best:
                             best = margin[i]
                     continue
-                index_block(pose, kept, k, work, lci)
-                within += kept
+                if not HEAVY:
+                    index_block(pose, kept, k, work, lci)
+                within += sum_of(weight, kept) if LINES else kept
                 if min_lci > 0.0:
                     for i in range(kept):
                         if lci[i] > largest:
@@ -198,24 +284,28 @@ def sweep(
                     above = 0
                     for i in range(kept):
                         lci[above] = lci[i]
+                        if LINES:
+                            weight[above] = weight[i]
                         if lci[i] >= min_lci:
                             above += 1
                     kept = above
-                reachable += kept
-                # Four running values: a single one would wait for its own last addition.
-                s0 = s1 = s2 = s3 = 0.0
-                whole = kept - kept % 4
-                for i in range(0, whole, 4):
-                    s0 += lci[i]
-                    s1 += lci[i + 1]
-                    s2 += lci[i + 2]
-                    s3 += lci[i + 3]
-                for i in range(whole, kept):
-                    s0 += lci[i]
-                total += (s0 + s1) + (s2 + s3)
+                hits += kept
                 for i in range(kept):
                     smallest = min(smallest, lci[i])
                     largest = max(largest, lci[i])
+                if LINES:
+                    reachable += sum_of(weight, kept)
+                    for i in range(kept):
+                        margin[i] = weight[i] * lci[i]
+                    total += sum_of(margin, kept)
+                    for e in range(edges.shape[0]):
+                        counts[e] += weight_above(lci, weight, edges[e], kept)
+                    if bins > 0:
+                        for i in range(kept):
+                            tally[min(bins - 1, int(lci[i] * bins))] += weight[i]
+                    continue
+                reachable += kept
+                total += sum_of(lci, kept)
                 for e in range(edges.shape[0]):
                     edge = edges[e]
                     above = 0
@@ -232,6 +322,7 @@ def sweep(
             row[MAX_LCI] = largest
             row[BEST_MARGIN] = best
             row[WITHIN] = within
+            row[HITS] = hits
 
 
 def field(poses, constants, margin, lci, scratch):
@@ -247,9 +338,15 @@ def field(poses, constants, margin, lci, scratch):
         for d in range(AXES):
             for i in range(count):
                 pose[d, i] = poses[d, first + i]
-        for i in range(count):
-            margin[first + i] = margin_of(pose, i, k)
-        index_block(pose, count, k, work, lci[first : first + count])
+        if HEAVY:
+            evaluate_block(pose, count, k, work, margin[first : first + count])
+            # Every index is wanted: with margins of 0 none is left in doubt.
+            pose[0, :] = 0.0
+            index_all(count, work, pose[0], lci[first : first + count])
+        else:
+            for i in range(count):
+                margin[first + i] = margin_of(pose, i, k)
+            index_block(pose, count, k, work, lci[first : first + count])
 
 
 def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):
@@ -261,6 +358,64 @@ def points(kind, step, start, high, low, cells, first, last, lower, width, poses
         for d in range(AXES):
             for i in range(count):
                 poses[d, block - first + i] = pose[d, i]
+
+
+def outline(
+    kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci,
+    axis_u, axis_v, edge, size, lowest, highest, scratch,
+):  # fmt: skip
+    """Keep the ends of segments of reachable poses that bound their shadow on a plane.
+
+    Of the points of the first replicate. In each of B equal strips along u the two points with the
+    least and the greatest v are kept, and of all the two with the least and the greatest u (in the
+    last row). The first and the last strip take what lies beyond them.
+
+    Parameters
+    ----------
+    axis_u, axis_v : int
+        Coordinates of the base frame that span the plane.
+    edge, size : float
+        Where the strips begin and how wide each is.
+    lowest, highest : (B + 1, 2) float64
+        The points (u, v) kept; unused ones hold infinities, as they are given.
+    """
+    k = unpack(constants)
+    pose = scratch[:AXES]
+    margin = scratch[AXES]
+    lci = scratch[AXES + 1]
+    work = scratch[AXES + 3 :]
+    strips = lowest.shape[0] - 1
+    for block in range(first, last, BLOCK):
+        count = min(BLOCK, last - block)
+        fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
+        if HEAVY:
+            evaluate_block(pose, count, k, work, margin)
+            index_all(count, work, margin, lci)
+        else:
+            for i in range(count):
+                margin[i] = margin_of(pose, i, k)
+            if min_lci > 0.0:
+                index_block(pose, count, k, work, lci)
+        for i in range(count):
+            if margin[i] < 0.0 or (min_lci > 0.0 and lci[i] < min_lci):
+                continue
+            found = skeleton_of(pose, i, k)
+            for e in range(ENDS):
+                u = found[PLACE + 3 * e + axis_u]
+                v = found[PLACE + 3 * e + axis_v]
+                strip = int(min(max((u - edge) / size, 0.0), strips - 1.0))
+                if v < lowest[strip, 1]:
+                    lowest[strip, 0] = u
+                    lowest[strip, 1] = v
+                if v > highest[strip, 1]:
+                    highest[strip, 0] = u
+                    highest[strip, 1] = v
+                if u < lowest[strips, 0]:
+                    lowest[strips, 0] = u
+                    lowest[strips, 1] = v
+                if u > highest[strips, 0]:
+                    highest[strips, 0] = u
+                    highest[strips, 1] = v
 
 
 def probe(poses, constants, facts):

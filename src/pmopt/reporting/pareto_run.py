@@ -14,7 +14,7 @@ from pmopt.reporting import pictures, run_folder
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.tasks import Plan
 from pmopt.synthesis.checkpoint import Checkpoint, plain
-from pmopt.synthesis.config import RunConfig
+from pmopt.synthesis.config import SEARCH_SAMPLES, RunConfig
 from pmopt.synthesis.front import Front, FrontDesign, measure_front
 from pmopt.synthesis.optimise import Generation, Optimisation, require_feasible
 from pmopt.synthesis.problem import DesignProblem, Evaluations
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 OnGeneration = Callable[[Generation], None]
 OnMeasured = Callable[[int, int], None]
+#: Designs measured finely for a plan.
+_PROBED = 4
 
 
 @dataclass(frozen=True)
@@ -100,12 +102,16 @@ def run_pareto(
             checkpoint.start()
     optimisation = Optimisation(problem)
     generations = []
-    for generation in optimisation.generations(recorded):
-        if checkpoint is not None and not generation.recorded:
-            checkpoint.save(generation.number, generation.evaluated)
-        generations.append(generation)
-        if on_generation:
-            on_generation(generation)
+    try:
+        for generation in optimisation.generations(recorded):
+            if checkpoint is not None and not generation.recorded:
+                checkpoint.save(generation.number, generation.record)
+            generations.append(generation)
+            if on_generation:
+                on_generation(generation)
+    finally:
+        if checkpoint is not None:
+            checkpoint.flush()
     evaluated = optimisation.evaluated
     tables = {
         "history": history_table(problem, generations),
@@ -134,9 +140,13 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
     """Measure a few generations of a small population and scale them to the run."""
     settings = config.algorithm
     population = min(settings.population, 100)
+    workspace = config.workspace
+    if config.adaptive:  # about what it takes on average
+        workspace = workspace.model_copy(update={"samples": SEARCH_SAMPLES})
     probe = config.model_copy(
         update={
-            "algorithm": settings.model_copy(update={"population": population, "generations": 4})
+            "algorithm": settings.model_copy(update={"population": population, "generations": 4}),
+            "workspace": workspace,
         }
     )
     optimisation = Optimisation(DesignProblem(probe, threads, notify))
@@ -146,14 +156,14 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
     # The first generation compiles, loads and imports; a search may end with it.
     each = (times[-1] - times[0]) / max(len(times) - 1, 1) / population
     began = time.perf_counter()
-    optimisation.problem.measure(optimisation.evaluated.variables[0])
-    final = (time.perf_counter() - began) * settings.population
+    list(optimisation.problem.measure(optimisation.evaluated.variables[:_PROBED]))
+    final = (time.perf_counter() - began) / _PROBED * settings.population
     designs = settings.population * settings.generations
     what = (
         f"pareto {config.mechanism}: {settings.name}, population {settings.population}, "
         f"{settings.generations} generations"
     )
-    points = float(designs) * (config.workspace.samples or 0)
+    points = float(designs) * (workspace.samples or 0)
     return Plan(what, points, each * designs + final)
 
 
@@ -189,6 +199,13 @@ def write_run(
         "resumes": resumes,
         "units": front.units,
     }
+    if config.adaptive:
+        history = tables["history"]
+        document["samples"] = {
+            "first": int(history["samples"].iloc[0]),
+            "last": int(history["samples"].iloc[-1]),
+            "spent": int(history["spent"].sum()),
+        }
     for name in ("front", "regions", "history", "evaluations"):
         folder.write(f"{name}.csv", to_csv(tables[name]))
     for name, data in pictures.of_pareto(tables, front.units, document).items():
@@ -264,6 +281,7 @@ def history_table(problem: DesignProblem, generations: list[Generation]) -> pd.D
                 "feasible": g.feasible,
                 "hypervolume": g.hypervolume,
                 **{f"{k}_best": v for k, v in zip(problem.objectives, g.best, strict=True)},
+                **({"samples": g.samples, "spent": g.spent} if problem.config.adaptive else {}),
             }
             for g in generations
         ]
@@ -284,7 +302,9 @@ def evaluations_table(
         *problem.constraints,
     ]
     table = pd.DataFrame(evaluated.table(), columns=columns)
-    counts = [len(g.evaluated) for g in generations]
+    counts = [len(g.record.evaluated) for g in generations]
     table.insert(0, "generation", np.repeat([g.number for g in generations], counts))
+    if problem.config.adaptive:
+        table.insert(1, "samples", np.repeat([g.samples or 0 for g in generations], counts))
     table["feasible"] = evaluated.feasible.astype(int)
     return table

@@ -34,7 +34,7 @@ objectives = ["volume", "gci"]
 
 [workspace]
 samples = 20_000  # of each design during the search; or grid = 40, or target_error = 1e-2
-# sampler = "r-sequence"  # or "sobol", "monte-carlo"
+# sampler = "r-sequence"  # or "sobol", "monte-carlo", "lines"
 # working_mode = "{mechanism.working_modes[0]}"  # of {", ".join(mechanism.working_modes)}
 # norm = "2"  # or "fro"
 # jacobian = "{mechanism.default_jacobian}"  # or "{_other(mechanism)}"

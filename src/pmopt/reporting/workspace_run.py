@@ -8,7 +8,6 @@ from pathlib import Path
 from pmopt.analysis.settings import DEFAULT_SAMPLES
 from pmopt.analysis.sweeper import BINS, Notify
 from pmopt.analysis.workspace import Progress, WorkspaceResult, compute_workspace
-from pmopt.reporting import pictures
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.reporting.tasks import Plan, WorkspaceTask
@@ -71,6 +70,8 @@ def run_workspace(
         notify=notify,
     )
     if folder is not None:
+        from pmopt.reporting import pictures  # what draws takes as long to import as a short run
+
         drawn = pictures.of_workspace(task, result, threads)
         folder.open()
         folder.write("result.json", to_json(result.to_dict()) + "\n")

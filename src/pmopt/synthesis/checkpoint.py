@@ -1,14 +1,16 @@
 """What a run has evaluated, on disk after every generation: plain numbers, checked on loading.
 
 Telling NSGA-II the recorded results again restores a run exactly (:mod:`pmopt.synthesis.optimise`),
-so that the evaluations are the whole checkpoint. Each generation is one file, written whole: a
-line of JSON, then its table as little-endian doubles.
+so that the evaluations are the whole checkpoint: those of each generation, and of the designs
+measured again after it where there were any. Each generation is one file, written whole: a line of
+JSON, then its table as little-endian doubles.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,11 @@ import numpy as np
 
 from pmopt.errors import InputError
 from pmopt.files import remove_leftovers, write_atomic
-from pmopt.synthesis.config import RunConfig, differences
+from pmopt.synthesis.config import ADAPTIVE, RunConfig, differences
+from pmopt.synthesis.optimise import Record
 from pmopt.synthesis.problem import DesignProblem, Evaluations
 
-SCHEMA = 1
+SCHEMA = 2
 FOLDER = "checkpoint"
 #: Keys that may change when a run is taken up again: more generations continue it.
 _GENERATIONS = ("algorithm", "generations")
@@ -28,6 +31,8 @@ _GENERATIONS = ("algorithm", "generations")
 def plain(config: RunConfig) -> dict[str, Any]:
     """Return the configuration as JSON has it."""
     document: dict[str, Any] = json.loads(config.model_dump_json())
+    if config.adaptive:
+        document["workspace"]["samples"] = ADAPTIVE
     return document
 
 
@@ -53,6 +58,8 @@ class Checkpoint:
             json.dumps([SCHEMA, version, config], sort_keys=True).encode()
         ).hexdigest()
         self.resumes: list[int] = []
+        self._writer = ThreadPoolExecutor(1)
+        self._writing: Future[None] | None = None
 
     @staticmethod
     def exists(folder: Path) -> bool:
@@ -65,7 +72,7 @@ class Checkpoint:
             path.unlink()
         self._write_run()
 
-    def resume(self) -> list[Evaluations]:
+    def resume(self) -> list[Record]:
         """Return the recorded generations, as far as their files are whole.
 
         Raises
@@ -104,24 +111,34 @@ class Checkpoint:
         self._write_run()
         return recorded
 
-    def save(self, number: int, evaluated: Evaluations) -> None:
-        """Record one generation."""
-        table = np.ascontiguousarray(evaluated.table(), dtype="<f8")
+    def save(self, number: int, record: Record) -> None:
+        """Record one generation, while the next one is computed: a disk takes its time."""
+        parts = [record.evaluated] if record.again is None else [record.evaluated, record.again]
+        table = np.ascontiguousarray(Evaluations.join(parts).table(), dtype="<f8")
         raw = table.tobytes()
         header = {
             "key": self._key,
             "generation": number,
             "shape": table.shape,
+            "designs": len(record.evaluated),
             "sha256": hashlib.sha256(raw).hexdigest(),
         }
-        write_atomic(self._path(number), json.dumps(header).encode() + b"\n" + raw)
+        data = json.dumps(header).encode() + b"\n" + raw
+        self.flush()
+        self._writing = self._writer.submit(write_atomic, self._path(number), data)
 
-    def _read(self, path: Path, number: int) -> Evaluations | None:
+    def flush(self) -> None:
+        """Wait for what is being written."""
+        if self._writing is not None:
+            self._writing.result()
+
+    def _read(self, path: Path, number: int) -> Record | None:
         """Return one generation, None where the file is torn or another run's."""
         try:
             line, raw = path.read_bytes().split(b"\n", 1)
             header = json.loads(line)
             rows, columns = header["shape"]
+            designs = int(header["designs"])
             stated = (header["key"], header["generation"], header["sha256"])
             if stated != (self._key, number, hashlib.sha256(raw).hexdigest()):
                 return None
@@ -129,7 +146,10 @@ class Checkpoint:
             ends = np.cumsum(
                 [len(self.problem.variables), *[len(self.problem.objectives)] * 2]
             ).tolist()
-            return Evaluations(*np.split(table, ends, axis=1))
+            evaluated, again = (
+                Evaluations(*np.split(part, ends, axis=1)) for part in np.split(table, [designs])
+            )
+            return Record(evaluated, again if len(again) else None)
         except (OSError, ValueError, KeyError, TypeError):
             return None
 

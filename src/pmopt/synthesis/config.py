@@ -17,8 +17,10 @@ from pmopt.mechanisms.base import as_number
 Objective = Literal["volume", "gci", "projected_volume", "footprint"]
 #: +1 for what is maximised, -1 for what is minimised.
 SENSES: dict[str, int] = {"volume": 1, "gci": 1, "projected_volume": 1, "footprint": -1}
-#: Samples of each design during the search; the final front is measured more finely.
+#: Samples of a design where a search that chooses their number itself does not say.
 SEARCH_SAMPLES = 20_000
+#: What ``samples`` may say instead of a number, and the default.
+ADAPTIVE = "adaptive"
 
 
 class AlgorithmSettings(BaseModel):
@@ -73,6 +75,29 @@ class RunConfig(BaseModel):
     constraints: dict[Objective, ConstraintSettings] = Field(default_factory=dict)
     final: FinalSettings = Field(default_factory=FinalSettings)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _adaptive(cls, data: Any) -> Any:
+        """Take ``samples = "adaptive"`` for the default it is, unless another size is given."""
+        workspace = data.get("workspace") if isinstance(data, dict) else None
+        if not isinstance(workspace, dict) or not isinstance(workspace.get("samples"), str):
+            return data
+        if workspace["samples"] != ADAPTIVE:
+            raise ValueError(
+                f"workspace.samples={workspace['samples']!r} must be a number or {ADAPTIVE}"
+            )
+        for other in ("grid", "target_error"):
+            if workspace.get(other) is not None:
+                raise ValueError(f"workspace: samples and {other} exclude each other: give one")
+        rest = {key: value for key, value in workspace.items() if key != "samples"}
+        return {**data, "workspace": rest}
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the search chooses the number of samples."""
+        workspace = self.workspace
+        return workspace.samples is workspace.grid is workspace.target_error is None
+
     @model_validator(mode="after")
     def _consistent(self) -> RunConfig:
         if len(self.objectives) < 2 or len(set(self.objectives)) < len(self.objectives):
@@ -111,8 +136,6 @@ def resolve_config(data: Any, where: str) -> RunConfig:
     mechanism.check_ranges(
         workspace.limits, (*mechanism.limited, *tool), f"{where}: workspace.limits"
     )
-    if workspace.samples is None and workspace.grid is None and workspace.target_error is None:
-        workspace = workspace.model_copy(update={"samples": SEARCH_SAMPLES})
     workspace = workspace.model_copy(
         update={
             "working_mode": mechanism.check_mode(workspace.working_mode),

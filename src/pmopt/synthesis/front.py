@@ -123,8 +123,8 @@ def measure_front(
     import moocore
 
     measured = []
-    for count, row in enumerate(variables, start=1):
-        measured.append((row, problem.measure(row)))
+    for count, finely in enumerate(problem.measure(variables), start=1):
+        measured.append((variables[count - 1], finely))
         if progress:
             progress(count, len(variables))
     rows = []
@@ -180,7 +180,7 @@ def idle_directions(
     problem : DesignProblem
     front : (N, v) float64
     """
-    if problem.config.workspace.samples is None:
+    if problem.samples is None:
         return ()  # points differ from design to design
     count = len(problem.variables)
     rng = np.random.Generator(np.random.PCG64(seed_sequence(problem.sweeper.seed, "idle")))

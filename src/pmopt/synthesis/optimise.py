@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import heapq
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,8 +12,40 @@ from numpy.typing import NDArray
 
 from pmopt.errors import InfeasibleError, PmoptError
 from pmopt.seeds import seed_sequence
+from pmopt.synthesis.nsga2 import Nsga2
 from pmopt.synthesis.problem import MIN_LCI, REACHABLE, DesignProblem, Evaluations
 from pmopt.units import ONE
+
+#: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
+#: generations and at least some, by less than this share of the designs' standard error: on common
+#: points neighbours on a front are told apart some twenty times more finely than each is known.
+#: It stops doubling at this relative standard error.
+_WINDOW = 3
+_LEAST_WINDOW = 5
+_TOLD_APART = 0.05
+_FINEST = 2e-3
+#: Then designs are measured again, too, that were beaten by less than this many standard errors:
+#: at most so many times the population.
+_HOPE = 0.5
+_CONTENDERS = 4
+#: Pairs of designs compared at once.
+_PAIRS = 1 << 22
+
+
+@dataclass(frozen=True)
+class Record:
+    """What was measured in one generation.
+
+    Attributes
+    ----------
+    evaluated : Evaluations
+        The generation's designs.
+    again : Evaluations or None
+        Contenders on twice the samples, where the search went on with these.
+    """
+
+    evaluated: Evaluations
+    again: Evaluations | None
 
 
 @dataclass(frozen=True)
@@ -32,8 +66,9 @@ class Generation:
         Of the current front against the reference point.
     best : tuple of float
         Best value of each objective on the front, NaN where it is empty.
-    evaluated : Evaluations
-        Of this generation.
+    samples : int or None
+        Of each design of this generation; None where they are not counted.
+    record : Record
     recorded : bool
         Taken from a checkpoint, not computed.
     """
@@ -44,8 +79,15 @@ class Generation:
     front: int
     hypervolume: float
     best: tuple[float, ...]
-    evaluated: Evaluations
+    samples: int | None
+    record: Record
     recorded: bool
+
+    @property
+    def spent(self) -> int:
+        """Samples taken in this generation, where they are counted."""
+        again = 0 if self.record.again is None else 2 * len(self.record.again)
+        return (self.samples or 0) * (len(self.record.evaluated) + again)
 
 
 def hypervolume(
@@ -69,15 +111,57 @@ def hypervolume(
     return float(moocore.hypervolume(better, ref=[0.0] * values.shape[1], maximise=True))
 
 
+def spread(better: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return the rows of a front of two objectives that keep most of its hypervolume.
+
+    The design with the smallest share of its own leaves, again and again; the ends stay.
+
+    Parameters
+    ----------
+    better : (N, 2) float64
+        Maximised; none dominates another.
+    count : int
+        Most rows.
+    """
+    order = np.argsort(better[:, 0], kind="stable")
+    x, y = better[order].T
+    last = len(order) - 1
+    before, after = list(range(-1, last)), list(range(1, last + 2))
+
+    def share(i: int) -> float:
+        if i in (0, last):
+            return math.inf
+        return float((x[i] - x[before[i]]) * (y[i] - y[after[i]]))
+
+    shares = [share(i) for i in range(last + 1)]
+    heap = [(value, i) for i, value in enumerate(shares)]
+    heapq.heapify(heap)
+    gone: set[int] = set()
+    while last + 1 - len(gone) > max(count, 2):
+        value, i = heapq.heappop(heap)
+        if i in gone or value != shares[i]:
+            continue  # it has had more of its own since
+        gone.add(i)
+        after[before[i]], before[after[i]] = after[i], before[i]
+        for k in (before[i], after[i]):
+            shares[k] = share(k)
+            heapq.heappush(heap, (shares[k], k))
+    return np.asarray(np.delete(order, sorted(gone)))
+
+
 #: Stands for an objective of a design without a workspace, which the constraints keep behind.
 _NONE = 0.0
 
 
 class Optimisation:
-    """A run of NSGA-II (Deb et al. 2002; pymoo) driven by ask and tell.
+    """A run of NSGA-II (Deb et al. 2002; :mod:`pmopt.synthesis.nsga2`).
 
     The designs of a generation follow from the seed and from what earlier generations were
     told, so that telling recorded results again restores the run exactly.
+
+    In an adaptive search all designs that are compared have the same number of samples: few
+    while designs are far apart, twice as many, for the survivors too, when the front no longer
+    gains what errors let it tell apart. Runs of any length begin alike.
 
     Parameters
     ----------
@@ -87,6 +171,9 @@ class Optimisation:
     def __init__(self, problem: DesignProblem) -> None:
         self.problem = problem
         self._parts: list[Evaluations] = []
+        self._population: Evaluations | None = None
+        #: All that was measured with the current number of samples.
+        self._compared: list[Evaluations] = []
         self._reference: tuple[float, ...] | None = None
 
     @property
@@ -106,7 +193,7 @@ class Optimisation:
             worst = evaluated.values[evaluated.feasible].max(axis=0)
             self._reference = tuple(np.where(self.problem.senses > 0, 0.0, worst).tolist())
 
-    def generations(self, recorded: list[Evaluations] | None = None) -> Iterator[Generation]:
+    def generations(self, recorded: list[Record] | None = None) -> Iterator[Generation]:
         """Run, yielding after each generation; recorded ones are told without evaluation.
 
         Raises
@@ -114,110 +201,163 @@ class Optimisation:
         PmoptError
             When recorded designs are not those this installation asks for.
         """
-        from pymoo.algorithms.moo.nsga2 import NSGA2
-        from pymoo.core.evaluator import Evaluator
-        from pymoo.core.problem import Problem
-        from pymoo.operators.crossover.sbx import SBX
-        from pymoo.operators.mutation.pm import PM
-        from pymoo.operators.sampling.rnd import FloatRandomSampling
-        from pymoo.problems.static import StaticProblem
-
         problem, settings = self.problem, self.problem.config.algorithm
-        stated = Problem(
-            n_var=len(problem.variables),
-            n_obj=len(problem.objectives),
-            n_ieq_constr=len(problem.constraints),
-            xl=problem.lower,
-            xu=problem.upper,
-        )
-        # pymoo's default operators are shared between algorithms: these are this run's own.
-        algorithm = NSGA2(
-            pop_size=settings.population,
-            sampling=FloatRandomSampling(),
-            crossover=SBX(eta=settings.crossover_eta, prob=settings.crossover_probability),
-            mutation=PM(eta=settings.mutation_eta),
-        )
         seed = int(seed_sequence(settings.seed, "nsga2").generate_state(1)[0])
-        algorithm.setup(stated, termination=("n_gen", settings.generations), seed=seed)
+        algorithm = Nsga2(settings, problem.lower, problem.upper, seed)
         known = iter(recorded or [])
         evaluations = feasible = 0
+        samples = problem.first_samples
+        gains: list[float] = []  # best hypervolumes with this number of samples
         for number in range(1, settings.generations + 1):
-            asked = algorithm.ask()
-            if asked is None or len(asked) == 0:
+            variables = algorithm.ask()
+            if len(variables) == 0:
                 return  # every offspring repeats a known design
-            variables = np.ascontiguousarray(asked.get("X"), dtype=float)
             told = next(known, None)
-            if told is None:
-                evaluated = problem.evaluate(variables)
-            elif np.array_equal(told.variables, variables):
-                evaluated = told
-            else:
-                raise PmoptError(
-                    f"checkpoint: the designs of generation {number} are not those of this "
-                    "installation (another version of pymoo or NumPy?); start afresh with --force"
-                )
-            # Without a workspace there is no GCI; the constraint keeps such designs behind all
-            # feasible ones whatever stands here.
+            evaluated = self._measured(number, variables, samples, told.evaluated if told else None)
             self._refer(evaluated)
-            objectives = -np.nan_to_num(evaluated.values * problem.senses, nan=_NONE)
-            Evaluator().eval(StaticProblem(stated, F=objectives, G=-evaluated.slack), asked)
-            algorithm.tell(infills=asked)
+            merged = evaluated
+            if self._population is not None:
+                merged = Evaluations.join([self._population, evaluated])
+            rows = algorithm.tell(variables, self._minimised(evaluated), -evaluated.slack)
+            self._population = merged.take(rows)
             self._parts.append(evaluated)
+            self._compared.append(evaluated)
             evaluations += len(evaluated)
             feasible += int(evaluated.feasible.sum())
-            front = self._survivors(algorithm.pop)
-            best = np.full(front.shape[1], np.nan)
+            front = self.front
+            volume = hypervolume(front.values, problem.senses, self.reference)
+            gains.append(max([volume, *gains[-1:]]))
+            again, had = None, samples
+            if samples is not None and self._stalled(number, gains, front):
+                samples *= 2
+                again = self._measured(
+                    number, self._contenders(), samples, told.again if told else None
+                )
+                self._population = again.take(
+                    algorithm.replace(again.variables, self._minimised(again), -again.slack)
+                )
+                self._compared = [again]
+                front = self.front
+                volume = hypervolume(front.values, problem.senses, self.reference)
+                gains = [volume]
+            best = np.full(len(problem.objectives), np.nan)
             if len(front):
-                best = (front * problem.senses).max(axis=0) * problem.senses
+                best = (front.values * problem.senses).max(axis=0) * problem.senses
             yield Generation(
-                number, evaluations, feasible, len(front),
-                hypervolume(front, problem.senses, self.reference),
-                tuple(best.tolist()), evaluated, told is not None,
+                number, evaluations, feasible, len(front), volume, tuple(best.tolist()),
+                had, Record(evaluated, again), told is not None,
             )  # fmt: skip
 
-    def _survivors(self, population) -> NDArray[np.float64]:  # type: ignore[no-untyped-def]
-        """Keep the population's non-dominated feasible designs and return their objectives."""
+    def _measured(
+        self, number: int, variables: NDArray[np.float64], samples: int | None,
+        told: Evaluations | None,
+    ) -> Evaluations:  # fmt: skip
+        """Evaluate designs, or return what is recorded of them."""
+        if told is None:
+            return self.problem.evaluate(variables, samples)
+        if not np.array_equal(told.variables, variables):
+            raise PmoptError(
+                f"checkpoint: the designs of generation {number} are not those of this "
+                "installation (another version of pymoo or NumPy?); start afresh with --force"
+            )
+        return told
+
+    def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
+        """Return whether an adaptive search is to go on with twice the samples."""
+        window = max(_LEAST_WINDOW, number // _WINDOW)
+        if not self.problem.config.adaptive or len(gains) <= window or gains[-1] <= 0:
+            return False
+        with np.errstate(invalid="ignore", divide="ignore"):
+            relative = np.abs(front.errors / front.values)
+        error = float(np.median(np.sqrt(np.nansum(relative**2, axis=1))))
+        gain = 1 - gains[-1 - window] / gains[-1]
+        return error > _FINEST and gain < _TOLD_APART * error
+
+    def _contenders(self) -> NDArray[np.float64]:
+        """Return the population and what errors may have kept from it, shape (N, v).
+
+        The largest volume and the largest GCI are those that the points flatter most: designs
+        near them wait just behind. Where there are many, they are taken in even steps of the
+        first objective.
+        """
+        population, compared = self._population, Evaluations.join(self._compared)
+        assert population is not None
+        known = set(map(bytes, population.variables))
+        rows = [i for i in np.flatnonzero(compared.feasible).tolist()
+                if bytes(compared.variables[i]) not in known]  # fmt: skip
+        hopes = compared.values[rows] * self.problem.senses
+        hopes += _HOPE * np.nan_to_num(compared.errors[rows])
+        front = self.front.values * self.problem.senses
+        parts = np.array_split(hopes, 1 + hopes.shape[0] * len(front) // _PAIRS)
+        beaten = [(front > part[:, None]).all(axis=2).any(axis=1) for part in parts]
+        others = compared.take(np.array(rows, dtype=int)[~np.concatenate(beaten)])
+        order = np.argsort(others.values[:, 0], kind="stable")
+        count = min(_CONTENDERS * len(population), len(order))
+        chosen = order[np.linspace(0, len(order) - 1, count).astype(int)]
+        return np.concatenate([population.variables, others.variables[chosen]])
+
+    def _minimised(self, evaluated: Evaluations) -> NDArray[np.float64]:
+        """Return what NSGA-II minimises.
+
+        Without a workspace there is no GCI; the constraint keeps such designs behind all feasible
+        ones whatever stands here.
+        """
+        return np.asarray(-np.nan_to_num(evaluated.values * self.problem.senses, nan=_NONE))
+
+    @property
+    def front(self) -> Evaluations:
+        """The population's non-dominated feasible designs."""
+        assert self._population is not None
+        return self._best(self._population, self._population.feasible)
+
+    def _best(self, evaluated: Evaluations, allowed: NDArray[np.bool_]) -> Evaluations:
+        """Return the non-dominated of the allowed designs."""
         import moocore
 
-        variables, objectives = population.get("X"), population.get("F")
-        rows = np.flatnonzero((population.get("G") <= 0).all(axis=1))
+        rows = np.flatnonzero(allowed)
         if len(rows):
-            rows = rows[moocore.is_nondominated(objectives[rows])]
-        self._front_variables = np.asarray(variables[rows], dtype=float)
-        return np.asarray(-objectives[rows] * self.problem.senses, dtype=float)
+            better = evaluated.values[rows] * self.problem.senses
+            rows = rows[moocore.is_nondominated(better, maximise=True)]
+        return evaluated.take(rows)
 
     @property
     def front_variables(self) -> NDArray[np.float64]:
         """Variables of the designs on the current front, sorted."""
-        front = self._front_variables
+        front = self.front.variables
         return front[np.lexsort(front.T[::-1])]
 
     @property
     def candidates(self) -> NDArray[np.float64]:
         """Variables of the designs to measure finely: the current front, and a safer one.
 
+        The front of an adaptive search is that of all its designs with the most samples, as many
+        as the population holds; samples are few there, designs many.
+
         Where a bound is active the front lies on it, and sampling errors alone put half of its
         designs beyond. The non-dominated ones of all designs that keep every bound by two
         standard errors stand in for them.
         """
-        problem, evaluated = self.problem, self.evaluated
+        problem, evaluated = self.problem, Evaluations.join(self._compared)
+        front = self.front_variables
+        if problem.config.adaptive and len(problem.objectives) == 2:
+            front = self._spread(self._best(evaluated, evaluated.feasible))
         if not problem.bounds:
-            return self.front_variables
-        import moocore
-
+            return front
         safe = evaluated.feasible
         for key, (name, _, _) in problem.bounds.items():
             if name not in problem.objectives:
                 continue  # its error is not recorded
             slack = evaluated.slack[:, problem.constraints.index(key)]
             safe = safe & (slack >= 2 * evaluated.errors[:, problem.objectives.index(name)])
-        rows = np.flatnonzero(safe)
-        if len(rows):
-            rows = rows[moocore.is_nondominated(
-                evaluated.values[rows] * problem.senses, maximise=True
-            )]  # fmt: skip
-        joined = np.concatenate([self.front_variables, evaluated.variables[rows]])
+        safer = self._best(evaluated, safe)
+        joined = np.concatenate([front, safer.variables])
         return np.asarray(np.unique(joined, axis=0))
+
+    def _spread(self, front: Evaluations) -> NDArray[np.float64]:
+        """Return the variables of as many designs of a front as the population holds, sorted."""
+        count = self.problem.config.algorithm.population
+        found = front.take(spread(front.values * self.problem.senses, count)).variables
+        return np.asarray(found[np.lexsort(found.T[::-1])])
 
     @property
     def evaluated(self) -> Evaluations:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from pmopt.analysis.settings import split_samples
 from pmopt.analysis.sweeper import Design, Notify, Tallies
 from pmopt.analysis.workspace import measure_on_grids, measure_to_target
 from pmopt.mechanisms import find
+from pmopt.numerics.sequences import Sequence as Points
 from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
 from pmopt.threads import ordered_map
 from pmopt.units import ONE, measure_unit
@@ -24,6 +26,11 @@ from pmopt.units import ONE, measure_unit
 REACHABLE = "reachable"
 #: Most samples of a design when the front is measured: about a second.
 FINAL_SAMPLES = 1 << 26
+#: Samples of a design in the first generations of an adaptive search: fewer save little, as a
+#: design takes as long to make ready, and are too few for the measures in space.
+FIRST_SAMPLES = 1 << 12
+#: Parts of a population, for each thread.
+_SLICES = 4
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
@@ -64,6 +71,12 @@ class Evaluations:
         """Return all columns side by side."""
         return np.hstack([self.variables, self.values, self.errors, self.slack])
 
+    def take(self, rows: NDArray[np.int64]) -> Evaluations:
+        """Return some of the designs."""
+        return Evaluations(
+            self.variables[rows], self.values[rows], self.errors[rows], self.slack[rows]
+        )
+
     @classmethod
     def join(cls, parts: Sequence[Evaluations]) -> Evaluations:
         """Return the rows of all parts in order."""
@@ -96,7 +109,10 @@ class DesignProblem:
         self.sweeper = make_sweeper(
             self.mechanism, config.workspace, config.algorithm.seed, threads, notify
         )
-        self._final = self.sweeper.for_purpose("front samples")
+        self._alone = copy.copy(self.sweeper)  # for work that is itself shared over threads
+        self._alone.threads = 1
+        self._sequences: dict[int, Points] = {}
+        self._final = self._alone.for_purpose("front samples")
         ranges = {k: v for k, v in config.parameters.items() if isinstance(v, tuple)}
         self.variables = list(ranges)
         self.lower = np.array([low for low, _ in ranges.values()])
@@ -116,11 +132,14 @@ class DesignProblem:
         self.constraints = [REACHABLE, *self.bounds]
         if config.workspace.min_lci > 0:
             self.constraints.insert(1, MIN_LCI)
-        if config.workspace.samples is not None:
-            replicates, self._points = split_samples(
-                config.workspace.samples, config.workspace.replicates
-            )
-            self._sequence = self.sweeper.sequence(replicates)
+        #: Samples of a design: of each in the search, where it does not choose them itself.
+        #: None on grids and to a target error.
+        self.samples = SEARCH_SAMPLES if config.adaptive else config.workspace.samples
+
+    @property
+    def first_samples(self) -> int | None:
+        """Samples of each design in the first generation."""
+        return FIRST_SAMPLES if self.config.adaptive else self.samples
 
     @property
     def units(self) -> dict[str, str]:
@@ -151,21 +170,31 @@ class DesignProblem:
         """Return a design ready to be swept."""
         return self.sweeper.design(self.parameters(row))
 
-    def evaluate(self, variables: NDArray[np.float64]) -> Evaluations:
-        """Evaluate a whole population, shape (N, v)."""
-        designs = [self.design(row) for row in variables]
-        if self.config.workspace.samples is not None:
-            tallies = self.sweeper.tally_population(designs, self._sequence, self._points)
+    def evaluate(self, variables: NDArray[np.float64], samples: int | None = None) -> Evaluations:
+        """Evaluate a whole population.
+
+        Parameters
+        ----------
+        variables : (N, v) float64
+        samples : int, optional
+            Of each design (default: :attr:`samples`). The points of fewer samples are among
+            those of more, the first ones of each replicate.
+        """
+        samples = samples or self.samples
+        designs: list[Design] = []
+        if samples is not None:
+            tallies = self._tally(variables, samples, designs)
             found = of_population(tallies)
             slack = self._existence(tallies)
         else:
+            designs += map(self.design, variables)
             found, slack = self._one_by_one(designs)
         by_name = {
             "volume": (found.volume, found.volume_error),
             "gci": (found.gci, found.gci_error),
         }
         if self._projects:
-            for name, pairs in self._projected(designs).items():
+            for name, pairs in self._projected(designs, samples or SEARCH_SAMPLES).items():
                 by_name[name] = (pairs[:, 0], pairs[:, 1])
         # A quantity that does not exist breaks its bounds, and an objective the existence of a
         # workspace: too few poses are reachable to tell their positions.
@@ -178,6 +207,32 @@ class DesignProblem:
         )
         slack[0] = np.where(np.isnan(values).any(axis=1), np.minimum(slack[0], -1e-9), slack[0])
         return Evaluations(variables, values, errors, np.stack([*slack, *bounds], axis=1))
+
+    def _tally(
+        self, variables: NDArray[np.float64], samples: int, designs: list[Design]
+    ) -> Tallies:
+        """Sweep a population slice by slice and append its designs.
+
+        A slice is made ready, in Python, while earlier ones are swept.
+        """
+        replicates, points = split_samples(samples, self.config.workspace.replicates)
+        if replicates not in self._sequences:
+            self._sequences[replicates] = self.sweeper.sequence(replicates)
+        sequence = self._sequences[replicates]
+        slices = min(len(variables), _SLICES * self.sweeper.threads)
+
+        def ready() -> Iterator[list[Design]]:
+            for rows in np.array_split(variables, slices):
+                part = [self.design(row) for row in rows]
+                designs.extend(part)
+                yield part
+
+        parts = ordered_map(
+            lambda part: self._alone.tally_population(part, sequence, points),
+            ready(),
+            self.sweeper.threads,
+        )
+        return _joined(list(parts))
 
     def _one_by_one(
         self, designs: list[Design]
@@ -198,14 +253,11 @@ class DesignProblem:
         columns = [np.concatenate(parts) for parts in zip(*slack, strict=True)]
         return PopulationEstimates(volume, volume_error, gci, gci_error), columns
 
-    def _projected(self, designs: list[Design]) -> dict[str, NDArray[np.float64]]:
+    def _projected(self, designs: list[Design], samples: int) -> dict[str, NDArray[np.float64]]:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
-        alone = copy.copy(self.sweeper)
-        alone.threads = 1
-        samples = self.config.workspace.samples or SEARCH_SAMPLES
         found = list(
             ordered_map(
-                lambda design: measure_projection(alone, design, samples),
+                lambda design: measure_projection(self._alone, design, samples),
                 designs,
                 self.sweeper.threads,
             )
@@ -232,18 +284,25 @@ class DesignProblem:
             slack.append(np.where(enough, 0.0, np.minimum(largest - least, -1e-300)))
         return slack
 
-    def measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
-        """Measure one design to the final target error, with a bounded number of samples.
+    def measure(
+        self, variables: NDArray[np.float64]
+    ) -> Iterator[tuple[Estimates, dict[str, Estimate]]]:
+        """Measure designs (N, v) to the final target error, with a bounded number of samples.
+
+        Each on one thread: most need few samples, that do not fill more.
 
         The sample points are not those of the search, which has chosen the designs they flatter.
         A workspace that fills little of its box may end with a larger error, which it states.
 
-        Returns
-        -------
+        Yields
+        ------
         estimates : Estimates
         by_name : dict
             What objectives and constraints may be, by name.
         """
+        return ordered_map(self._measure, variables, self.sweeper.threads)
+
+    def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
         target = self.config.final.target_error
         design = self.design(row)
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
@@ -252,3 +311,10 @@ class DesignProblem:
             space: Projection = measure_projection(self._final, design, FINAL_PROJECTION)
             by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
         return found, by_name
+
+
+def _joined(parts: list[Tallies]) -> Tallies:
+    """Return the tallies of all parts' designs."""
+    names = list(Tallies.__dataclass_fields__)[1:]
+    arrays: list[Any] = [np.concatenate([getattr(t, name) for t in parts]) for name in names]
+    return Tallies(parts[0].points, *arrays)

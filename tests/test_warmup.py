@@ -1,0 +1,80 @@
+"""Compiling ahead: in processes of its own, what is missing only, told in one line each."""
+
+import subprocess
+
+import numpy as np
+import pytest
+from cli_runner import COMMAND, environment, json_answer
+
+from pmopt import api
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.warmup import warm_up
+from pmopt.mechanisms import find
+from pmopt.numerics import cells, compiled
+
+
+@pytest.fixture
+def nothing_kept(empty_cache, monkeypatch):
+    """Forget the shared kernels too."""
+    monkeypatch.setattr(cells, "kernels", cells.kernels.__wrapped__)
+    return empty_cache
+
+
+def test_all_that_a_workspace_needs(nothing_kept):
+    told = []
+    sweeper = Sweeper(find("2pauu-ppap"), WorkspaceSettings(), notify=told.append)
+    assert warm_up([sweeper], 2) == {"2pauu-ppap": 5}
+    assert len(told) == 1
+    assert "compiling the kernels of 2pauu-ppap" in told[0]
+    kept = sorted(path.name for path in nothing_kept.glob("*/*.o"))
+    assert kept == [
+        "chain.o", "field.o", "label_runs.o", "lattice.o", "outline.o", "points.o", "probe.o",
+        "sweep.o",
+    ]  # fmt: skip
+    assert warm_up([sweeper], 2) == {"2pauu-ppap": 0}
+    assert len(told) == 1
+
+
+def test_a_cache_that_can_not_be_written_is_no_error(nothing_kept, monkeypatch):
+    blocked = nothing_kept / "file"
+    blocked.write_text("no folder")
+    monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))
+    cells_only = cells.kernels()
+    compiled.compile_ahead([(cells_only, "chain")], 2)
+    assert not cells_only.is_compiled("chain")
+    assert blocked.read_text() == "no folder"
+
+
+def test_processes_that_fail_leave_it_to_the_call(nothing_kept, monkeypatch):
+    monkeypatch.setattr(compiled.sys, "executable", "/bin/false")
+    compiled.compile_ahead([(cells.kernels(), "chain")], 2)
+    assert len(cells.hull(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))) == 3
+
+
+def test_command(tmp_path):
+    """Cold it compiles, warm it says that nothing was missing; a wrong name is one line."""
+    with_cache = {**environment(), "PMOPT_CACHE_DIR": str(tmp_path)}
+
+    def warm(*arguments):
+        return subprocess.run([*COMMAND, "warmup", *arguments], env=with_cache,
+                              capture_output=True, text=True)  # fmt: skip
+
+    first = warm("2pauu-ppap", "--format", "json")
+    assert first.returncode == 0
+    assert '"2pauu-ppap": 6' in first.stdout
+    assert first.stderr.count("compiling the kernels of 2pauu-ppap") == 1
+    second = warm("2pauu-ppap", "--format", "json", "--quiet")
+    assert '"2pauu-ppap": 0' in second.stdout
+    assert second.stderr == ""
+    wrong = warm("2pauu-ppa")
+    assert wrong.returncode == 2
+    assert wrong.stderr.count("\n") == 1
+    assert "2pauu-ppap" in wrong.stderr
+
+
+def test_all_mechanisms_by_default(tmp_path):
+    found = api.warmup()
+    assert list(found) == api.mechanism_names()
+    answer = json_answer("warmup", "--format", "json", cwd=tmp_path)
+    assert set(answer["compiled"].values()) == {0}

@@ -401,6 +401,7 @@ def test_cli_volume(tmp_path):
     assert document["stopped"] == "gap"
     assert strict_json((tmp_path / "run/result.json").read_text()) == document
     assert strict_json((tmp_path / "run/manifest.json").read_text())["command"] == "certify"
+    assert "no pictures" in error_line(here("plot", "run", cwd=tmp_path))
     assert "guaranteed" in here("workspace", "3-cur", "--certify", "0.1", cwd=tmp_path).stdout
 
 

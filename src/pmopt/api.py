@@ -18,6 +18,7 @@ from pmopt.analysis.validation import validated
 from pmopt.mechanisms import Mechanism, find, names
 
 if TYPE_CHECKING:
+    from pmopt.analysis.certify import CertifiedVolume, Claim
     from pmopt.analysis.mobility import MobilityResult
     from pmopt.analysis.singularities import SingularityResult
     from pmopt.analysis.workspace import WorkspaceResult
@@ -148,6 +149,72 @@ def workspace(
         seed=seed,
         threads=threads,
         shape_grid=shape_grid,
+    )
+
+
+def certify_volume(
+    mechanism: str,
+    params: Params | None = None,
+    *,
+    gap: float = 1e-2,
+    time_budget: float | None = None,
+    **settings: Any,
+) -> CertifiedVolume:
+    """Enclose the volume of one design's workspace between guaranteed bounds.
+
+    Parameters
+    ----------
+    mechanism, params
+        See :func:`workspace`.
+    gap : float
+        Relative gap between the bounds that is asked for.
+    time_budget : float, optional
+        Seconds after which the bounds so far are returned.
+    **settings
+        ``working_mode``, ``domain`` and ``limits`` of
+        :class:`pmopt.analysis.settings.WorkspaceSettings`.
+    """
+    from pmopt.analysis import certify
+    from pmopt.analysis.settings import WorkspaceSettings
+
+    return certify.certify_volume(
+        find(mechanism),
+        params,
+        validated(WorkspaceSettings, settings, "certify"),
+        gap=gap,
+        time_budget=time_budget,
+    )
+
+
+def certify(
+    mechanism: str,
+    params: Params | None = None,
+    *,
+    time_budget: float = 30.0,
+    **settings: Any,
+) -> Claim:
+    """Prove or refute LCI >= ``min_lci`` at every reachable pose of a box.
+
+    Without ``min_lci`` the claim is that no reachable pose of it is singular.
+
+    Parameters
+    ----------
+    mechanism, params
+        See :func:`workspace`.
+    time_budget : float
+        Seconds after which the claim is left undecided.
+    **settings
+        ``min_lci``, ``domain``, ``limits``, ``working_mode``, ``norm``, ``jacobian`` and
+        ``characteristic_length`` of :class:`pmopt.analysis.settings.WorkspaceSettings`.
+    """
+    from pmopt.analysis.certify import certify_claim
+    from pmopt.analysis.settings import WorkspaceSettings
+
+    return certify_claim(
+        find(mechanism),
+        params,
+        validated(WorkspaceSettings, settings, "certify"),
+        time_budget=time_budget,
     )
 
 

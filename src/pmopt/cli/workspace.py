@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier, progress_bar
+from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
+from pmopt.mechanisms.base import Parameters
+
+if TYPE_CHECKING:
+    from pmopt.analysis.settings import WorkspaceSettings
 
 
 @click.command("workspace")
@@ -95,6 +100,18 @@ from pmopt.mechanisms import Mechanism
     help="Cells an axis on which pieces and voids are counted; 0: not at all. Default: 96 with "
     "three coordinates, 28 with four, 14 with five.",
 )
+@click.option(
+    "--certify",
+    type=float,
+    metavar="GAP",
+    help="Guaranteed bounds of the volume instead of samples, GAP of it apart.",
+)
+@click.option(
+    "--time-budget",
+    type=float,
+    metavar="SECONDS",
+    help="With --certify: stop with the bounds so far.",
+)
 @options.threads_option
 @options.out_options
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
@@ -107,7 +124,8 @@ def workspace_command(
     limits: tuple[str, ...],
     aspect: str | None, block: str | None, link_diameter: float | None,
     platform_diameter: float | None,
-    cone_angle: float | None, tool: str | None, shape_grid: int | None, threads: int | None,
+    cone_angle: float | None, tool: str | None, shape_grid: int | None,
+    certify: float | None, time_budget: float | None, threads: int | None,
     out: Path | None, force: bool, dry_run: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Volume, dexterity (LCI, GCI, regions) and shape of a workspace, each with its error.
@@ -146,6 +164,21 @@ def workspace_command(
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"
     )
+    if certify is not None:
+        unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
+                  "target-error": target_error, "regions": regions, "jacobian": kind,
+                  "characteristic-length": characteristic_length, "shape-grid": shape_grid,
+                  "dry-run": dry_run or None}  # fmt: skip
+        for name, value in unused.items():
+            if value is not None:
+                raise InputError(f"--{name}: not together with --certify, which samples nothing")
+        _certify(
+            mechanism, options.design_parameters(mechanism, params), settings, certify,
+            time_budget, out, force, form, quiet,
+        )  # fmt: skip
+        return
+    if time_budget is not None:
+        raise InputError("--time-budget: only together with --certify")
     dimension = len(mechanism.pose)
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     task = WorkspaceTask(
@@ -165,5 +198,20 @@ def workspace_command(
             task, out, force=force, threads=threads, notify=notify, progress=progress
         )
     emit(form, result.to_dict(), tables.workspace_tables(result))
+    if out is not None:
+        notify(f"written to {out}")
+
+
+def _certify(
+    mechanism: Mechanism, parameters: Parameters, settings: WorkspaceSettings, gap: float,
+    time_budget: float | None, out: Path | None, force: bool, form: str, quiet: bool,
+) -> None:  # fmt: skip
+    from pmopt.reporting import certify_run
+
+    notify = notifier(quiet)
+    result = certify_run.run_volume(
+        mechanism, parameters, settings, gap, time_budget, out, force=force, notify=notify
+    )
+    emit(form, result.to_dict(), certify_run.volume_tables(result))
     if out is not None:
         notify(f"written to {out}")

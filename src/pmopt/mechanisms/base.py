@@ -167,6 +167,51 @@ class Reach:
     reason: str
 
 
+@dataclass(frozen=True)
+class Implicit:
+    """Equations that a kernel solves, for proofs about its solution.
+
+    Attributes
+    ----------
+    unknowns : int
+        Number m of unknowns, angles not reduced to a turn.
+    inner : tuple of int
+        Numbers of the pose coordinates that the unknowns depend on.
+    residuals : callable
+        ``residuals(*pose, unknowns, constants)``: m expressions that vanish at the solution.
+    outcome : callable
+        ``outcome(*pose, unknowns, constants)``: what the kernel returns, at unknowns that solve.
+    start : callable
+        ``start(*pose, constants)``: the kernel's solution, m numbers.
+    """
+
+    unknowns: int
+    inner: tuple[int, ...]
+    residuals: Callable[..., tuple[Any, ...]]
+    outcome: Callable[..., tuple[Any, ...]]
+    start: Callable[..., list[float]]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve of configurations along which a kernel seeks a pose coordinate, for proofs.
+
+    With the other coordinates given, the configurations are told by v in [-pi, pi]. The pose is
+    reached on the piece about v = 0 on which the coordinate is monotonic.
+
+    Attributes
+    ----------
+    coordinate : int
+        Number of the pose coordinate.
+    outcome : callable
+        ``outcome(*pose with v in the coordinate's place, constants)``: the coordinate, its slope by
+        v with the sign that is asked for, and what the kernel returns.
+    """
+
+    coordinate: int
+    outcome: Callable[..., tuple[Any, ...]]
+
+
 class Mechanism(ABC):
     """A parallel mechanism: declarations, clear NumPy-level functions and one hot kernel.
 
@@ -200,6 +245,9 @@ class Mechanism(ABC):
     #: common scalar multiple of the inverse of the Jacobian made homogeneous by the length.
     kernel: ClassVar[Callable[..., tuple[float, ...]]]
     constant_count: ClassVar[int]
+    #: Where the kernel solves equations step by step, the equations: what proofs are about.
+    implicit: ClassVar[Implicit | None] = None
+    curve: ClassVar[Curve | None] = None
     #: ``skeleton(*pose, constants) -> flat tuple``: the platform's position (3) and rotation
     #: (9, row by row), both ends of each segment of :attr:`segments` (6 each), and the cosine of
     #: each cone angle of :attr:`cones`. What clearances, cone limits, tool and pictures need.
@@ -329,6 +377,14 @@ class Mechanism(ABC):
 
         ``length`` is the characteristic length, 1 for the raw Jacobian.
         """
+
+    def idle_slacks(self, limits: Ranges) -> frozenset[int]:
+        """Return the numbers of those slacks of the kernel's margin that the limits can not touch.
+
+        Counted in the order in which the kernel takes their minimum. What is proven of a workspace
+        leaves them out.
+        """
+        return frozenset()
 
     # -- shared by all mechanisms --------------------------------------------------------
 

@@ -36,6 +36,7 @@ from pmopt.mechanisms.base import (
     Chain,
     Coordinate,
     ForwardSolution,
+    Implicit,
     InverseSolution,
     Joint,
     Limb,
@@ -250,13 +251,14 @@ def cur_rates(about_x, about_y, d, rb, rx, ry, rz, wx, wy, wz):  # type: ignore[
     )
 
 
-def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
-    """Return the margin and J^-1 times the determinants that can vanish.
+def cur_outcome(z, beta, gamma, state, closed, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and J^-1 times the determinants that can vanish, of a state.
 
-    With rows F_i = (u, v, moment about P) of what holds x, y and alpha, and l_i the height of U_i
-    over P, a turn about x or y of the yawing frame calls for F (x', y', alpha') = (l v, -l u);
-    then w_z h' = w . (v + omega x b). About x counts with cos beta: the rest of the axis of gamma
-    is along z and alpha makes up for it. Everything is multiplied by det F and the three w_z.
+    ``closed`` is >= 0 where the state closes the limbs. With rows F_i = (u, v, moment about P) of
+    what holds x, y and alpha, and l_i the height of U_i over P, a turn about x or y of the yawing
+    frame calls for F (x', y', alpha') = (l v, -l u); then w_z h' = w . (v + omega x b). About x
+    counts with cos beta: the rest of the axis of gamma is along z and alpha makes up for it.
+    Everything is multiplied by det F and the three w_z.
     """
     (
         ra, rb, length, d1, up1, up2, up3, scale, low1, high1, low2, high2, low3, high3,
@@ -265,11 +267,10 @@ def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     ) = constants  # fmt: skip
     ra = ra / length
     rb = rb / length
-    px, py, c, s, c1, s1, c2, s2, c3, s3, gap = cur_solve(beta, gamma, ra, rb, up1, up2, up3)
+    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
     r1z, e1z, w1z, r2z, e2z, w2z, r3z, e3z, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
     limits = (cos4, sin4, least4, cos5, sin5, least5, low, high)
-    margin = 1.0 if gap <= CUR_TOLERANCE else -gap
-    margin = cur_less(margin, cur_limits(up1, c1, s1, e1z, w1z, limits))
+    margin = cur_less(closed, cur_limits(up1, c1, s1, e1z, w1z, limits))
     margin = cur_less(margin, cur_limits(up2, c2, s2, e2z, w2z, limits))
     margin = cur_less(margin, cur_limits(up3, c3, s3, e3z, w3z, limits))
     l1 = rb * r1z - w1z
@@ -320,6 +321,56 @@ def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
         all_z, y2 * z13 * scale, x2 * z13 * scale_x,
         all_z, y3 * z12 * scale, x3 * z12 * scale_x,
     )  # fmt: skip
+
+
+def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and J^-1 times the determinants that can vanish; see cur_outcome."""
+    (
+        ra, rb, length, _, up1, up2, up3, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+        _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    ra = ra / length
+    rb = rb / length
+    px, py, c, s, c1, s1, c2, s2, c3, s3, gap = cur_solve(beta, gamma, ra, rb, up1, up2, up3)
+    closed = 1.0 if gap <= CUR_TOLERANCE else -gap
+    state = (px, py, c, s, c1, s1, c2, s2, c3, s3)
+    return cur_outcome(z, beta, gamma, state, closed, constants)
+
+
+def cur_state(px, py, alpha, theta1, theta2, theta3):  # type: ignore[no-untyped-def]
+    """Return the state at the six unknowns."""
+    s, c = sin_cos(alpha)
+    s1, c1 = sin_cos(theta1)
+    s2, c2 = sin_cos(theta2)
+    s3, c3 = sin_cos(theta3)
+    return px, py, c, s, c1, s1, c2, s2, c3, s3
+
+
+def cur_residuals(z, beta, gamma, unknowns, constants):  # type: ignore[no-untyped-def]
+    """Return by how much the limbs do not close horizontally, over L."""
+    ra = constants[0] / constants[2]
+    rb = constants[1] / constants[2]
+    px, py, c, s, c1, s1, c2, s2, c3, s3 = cur_state(*unknowns)
+    r1x, r2x, r2y, r3x, r3y, zx, zy = cur_tilt(beta, gamma)
+    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
+    k1 = cur_gap(px, py, a1x, a1y, r1x, 0.0, zx, zy, c1, s1, rb)
+    k2 = cur_gap(px, py, a2x, a2y, r2x, r2y, zx, zy, c2, s2, rb)
+    k3 = cur_gap(px, py, a3x, a3y, r3x, r3y, zx, zy, c3, s3, rb)
+    return k1[3], k1[4], k2[3], k2[4], k3[3], k3[4]
+
+
+def cur_of_unknowns(z, beta, gamma, unknowns, constants):  # type: ignore[no-untyped-def]
+    """Return what the kernel does, at unknowns that close the limbs."""
+    return cur_outcome(z, beta, gamma, cur_state(*unknowns), 1.0, constants)
+
+
+def cur_start(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return the kernel's solution as the six unknowns."""
+    ra, rb = constants[0] / constants[2], constants[1] / constants[2]
+    with np.errstate(over="ignore", invalid="ignore"):
+        px, py, c, s, c1, s1, c2, s2, c3, s3, _ = cur_solve(beta, gamma, ra, rb, *constants[4:7])
+    turns = ((s, c), (s1, c1), (s2, c2), (s3, c3))
+    return [px, py, *(math.atan2(*turn) for turn in turns)]
 
 
 def cur_line(z, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]
@@ -439,6 +490,7 @@ class Cur(Mechanism):
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(cur_kernel)
     constant_count = 31
+    implicit = Implicit(6, (1, 2), cur_residuals, cur_of_unknowns, cur_start)
     line = staticmethod(cur_line)
     line_axis = 0
     line_parts = 1

@@ -467,17 +467,25 @@ class PauuPpap(Mechanism):
             least = -2 * l1 if half >= math.pi else l1 * math.cos(half)
             arcs += [math.cos(middle), math.sin(middle), least]
         return [
-            m - n, 2 * c, l1, l1**2 - l2**2, s1, s2, length, math.inf if top is None else top,
-            *arcs, *limits.get("d", (-math.inf, math.inf)),
+            m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,
+            math.inf if top is None else top, *arcs, *limits.get("d", (-math.inf, math.inf)),
             n, *self._references(parameters, s1, s2),
         ]  # fmt: skip
+
+    def idle_slacks(self, limits: Ranges) -> frozenset[int]:
+        """Return the cranks' slacks, 3 and 4, where they may turn in full."""
+        return frozenset(
+            3 + k
+            for k, joint in enumerate(("theta1", "theta2"))
+            if np.ptp(limits.get(joint, (-math.pi, math.pi))) >= 2 * math.pi
+        )
 
     def _references(self, parameters: Parameters, s1: int, s2: int) -> list[float]:
         """Return x and z of both links at home (x = y = 0 there), divided by l2^2."""
         m, n, l1, l2, c = _lengths(parameters)
-        span, b = m - n, self.home(parameters)["z"] - 2 * c
-        square, _, p1, v1 = pauu_crank(span, b, 0.0, l1, l1**2 - l2**2, s1)
-        _, _, p2, v2 = pauu_crank(span, b, 0.0, l1, l1**2 - l2**2, s2)
+        span, b, excess = m - n, self.home(parameters)["z"] - 2 * c, (l1 - l2) * (l1 + l2)
+        square, _, p1, v1 = pauu_crank(span, b, 0.0, l1, excess, s1)
+        _, _, p2, v2 = pauu_crank(span, b, 0.0, l1, excess, s2)
         if square < 0:
             return [0.0] * 4  # nothing is reachable
         return [u / l2**2 for u in (-span - p1, b + v1, span + p2, b + v2)]

@@ -46,6 +46,7 @@ from pmopt.mechanisms.base import (
     PLATFORM,
     Chain,
     Coordinate,
+    Curve,
     ForwardSolution,
     InverseSolution,
     Joint,
@@ -224,25 +225,25 @@ def uup_pose(x, beta, gamma, geometry):  # type: ignore[no-untyped-def]
     return (miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi)
 
 
-def kernel(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
-    """Return the margin and a positive multiple of Qq adj(Xq) at a pose, branch-free.
+def uup_outcome(closed, cb, turn, bar, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and a positive multiple of Qq adj(Xq) at a configuration.
 
     Xq and Qq are the derivatives of the pose (x, beta, gamma) and of the joints (theta1, phi, d3)
     by q, so that J^-1 = Qq Xq^-1. Kappa's columns are multiplied by |f|, Xq's rows by 1, cos beta
     and cos^2 beta, Qq's by l1^2 cos^2 eta1: all stay finite everywhere. The determinant of the
-    entries is det(Qq) = dtheta1/dpsi dd3/dkappa times a square and cos^3 beta.
+    entries is det(Qq) = dtheta1/dpsi dd3/dkappa times a square and cos^3 beta. ``closed`` is >= 0
+    where the pose is reached, ``turn`` what :func:`uup_turn` returns, ``bar`` what
+    :func:`uup_bar` does.
     """
     (
-        a, c, l2, length, r, big_r, s, up, far_cos, weight,
+        a, c, l2, length, r, big_r, s, _, _, weight,
         t_cos, t_sin, t_least, phi_cos, phi_sin, phi_least, d3_cos, d3_sin, d3_least,
         l1_low, l1_high, eta_cos, eta_sin, eta_least, d2_cos, d2_sin, d2_least,
         k_cos, k_sin, k_least, psi_cos, psi_sin, psi_least,
         _, _, _, _, _, _, _, _, _,
     ) = constants  # fmt: skip
-    miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
-        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
-    )
-    excess, f, g, h, h_k = uup_bar(sk, ck, a, c, l2, s)
+    sphi, cphi, sk, ck, spsi, cpsi = turn
+    excess, f, g, h, h_k = bar
     y = f * c * sk
     y_k = s * c * (g * sk + f * f * ck)
     big_f = s * f
@@ -300,11 +301,7 @@ def kernel(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
     s_b = cb * (x_k * g_phi - x_phi * g_k)
     s_g = cb2 * (x_phi * b_k - x_k * b_phi)
 
-    # The slope falls to 0 as the root of the distance to P_x's extreme: its square is linear.
-    margin = slope * abs(slope) / length
-    slack = -abs(miss) if abs(miss) > uup_CLOSE * length else excess
-    margin = slack if slack < margin else margin
-    margin = excess if excess < margin else margin
+    margin = excess if excess < closed else closed
     slack = l1 - l1_low
     margin = slack if slack < margin else margin
     slack = l1_high - l1
@@ -332,6 +329,65 @@ def kernel(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
         flat2 * p_x, flat2 * p_b, flat2 * p_g,
         d3_f * k_x, d3_f * k_b, d3_f * k_g,
     )  # fmt: skip
+
+
+def kernel(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and a multiple of the inverse Jacobian at a pose; see uup_outcome."""
+    (
+        a, c, l2, length, r, big_r, s, up, far_cos, _,
+        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+        _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
+        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
+    )
+    bar = uup_bar(sk, ck, a, c, l2, s)
+    # The slope falls to 0 as the root of the distance to P_x's extreme: its square is linear.
+    closed = slope * abs(slope) / length
+    slack = -abs(miss) if abs(miss) > uup_CLOSE * length else bar[0]
+    closed = slack if slack < closed else closed
+    turn = (sphi, cphi, sk, ck, spsi, cpsi)
+    return uup_outcome(closed, cb, turn, bar, constants)
+
+
+def uup_of_v(v, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return P_x, up times its slope by v, and what the kernel does, at a point of the curve.
+
+    What is asked of the slope is left to the caller.
+    """
+    a, c, l2, _, r, big_r, s, up = constants[:8]
+    sb, cb = sin_cos(beta)
+    sg, cg = sin_cos(gamma)
+    sv, cv = sin_cos(v)
+    m = cb * sg
+    level = cb * cg
+    mu = math.sqrt(1.0 - m * m)
+    sw = sb / mu
+    cw = level / mu
+    cphi = math.sqrt(cv * cv + (m * sv) * (m * sv))
+    sphi = mu * sv
+    sk = m / cphi
+    ck = mu * cv / cphi
+    spsi = sw * cv - cw * sv
+    cpsi = cw * cv + sw * sv
+    # 1 - cos kappa; |kappa| stays well below 180 degrees.
+    less = sk * sk / (1.0 + ck)
+    arm = a - c + c * less
+    rho2 = (a - c) * (a - c) + 2.0 * a * c * less
+    rise = math.sqrt(l2 - rho2)
+    rho = math.sqrt(rho2)
+    lean = arm / rho
+    h = s * rise * lean
+    x = h * sphi + 0.5 * big_r * (cphi * cpsi - sphi * ck * spsi) - 0.5 * r
+    # dh/dkappa / sin kappa, of (L^2 - rho^2)^(1/2) and of arm / rho
+    h_k = -(s * c * (a * lean / rise + rise * c * (a - c - a * less) / (rho2 * rho)))
+    slope = cphi * ck * h + sk * sk / cphi * (0.5 * big_r * spsi + sphi * sphi * h_k)
+    big_f = rise / rho
+    f = s * big_f
+    g = -(l2 * a * c * sk / (rho2 * rho2))
+    bar = (l2 - rho2, f, g, h, big_f * h_k * sk)
+    turn = (sphi, cphi, sk, ck, spsi, cpsi)
+    return (x, up * slope, *uup_outcome(1.0, cb, turn, bar, constants))
 
 
 def skeleton(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
@@ -613,6 +669,7 @@ class UuUpu(Mechanism):
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
     constant_count = 42
+    curve = Curve(0, uup_of_v)
     skeleton = staticmethod(skeleton)
     segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2)
@@ -897,6 +954,16 @@ class UuUpu(Mechanism):
             *arc("eta1"), *arc("delta2"), *arc("kappa"), *arc("psi"),
             *references.ravel().tolist(),
         ]  # fmt: skip
+
+    def idle_slacks(self, limits: Ranges) -> frozenset[int]:
+        """Return the slacks of angles that may turn in full: 3 to 9."""
+        names = ("theta1", "phi", "delta3", "eta1", "delta2", "kappa", "psi")
+        turn = (-math.inf, math.inf)
+        return frozenset(
+            3 + k
+            for k, name in enumerate(names)
+            if not limits.get(name, turn)[1] - limits.get(name, turn)[0] < 2 * math.pi
+        )
 
 
 def assemblies(parameters: Parameters, joints: Mapping[str, float]) -> list[Configuration]:

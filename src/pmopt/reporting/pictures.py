@@ -129,6 +129,8 @@ def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
     manifest = read_manifest(folder)
     if manifest is None:
         raise InputError(f"{folder}: holds no finished run (no manifest.json)")
+    if manifest["command"] == "certify":
+        raise InputError(f"{folder}: a run of proofs has no pictures")
     try:
         if manifest["command"] == "workspace":
             task = WorkspaceTask.from_dict(manifest["config"], str(folder))

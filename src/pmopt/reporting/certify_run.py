@@ -1,0 +1,122 @@
+"""Runs of what is proven: results, tables and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pmopt.analysis.certify import (
+    CertifiedVolume,
+    Claim,
+    Progress,
+    certify_claim,
+    certify_volume,
+)
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sweeper import Notify
+from pmopt.mechanisms.base import Mechanism, Parameters
+from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.table import Table, to_csv, to_json
+
+
+def run_volume(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    settings: WorkspaceSettings,
+    gap: float,
+    time_budget: float | None,
+    out: Path | None = None,
+    *,
+    force: bool = False,
+    notify: Notify | None = None,
+    progress: Progress | None = None,
+) -> CertifiedVolume:
+    """Enclose a workspace's volume and, with ``out``, write the run's folder."""
+    folder = RunFolder(out, force) if out is not None else None
+    result = certify_volume(
+        mechanism, parameters, settings, gap=gap, time_budget=time_budget, progress=progress,
+        notify=notify,
+    )  # fmt: skip
+    if folder is not None:
+        config = {"certify": gap, "time_budget": time_budget}
+        _write(folder, result.to_dict(), volume_tables(result), settings, config)
+    return result
+
+
+def run_claim(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    settings: WorkspaceSettings,
+    time_budget: float,
+    out: Path | None = None,
+    *,
+    force: bool = False,
+    notify: Notify | None = None,
+) -> Claim:
+    """Decide a claim and, with ``out``, write the run's folder."""
+    folder = RunFolder(out, force) if out is not None else None
+    result = certify_claim(mechanism, parameters, settings, time_budget=time_budget, notify=notify)
+    if folder is not None:
+        _write(folder, result.to_dict(), claim_tables(result), settings,
+               {"time_budget": time_budget})  # fmt: skip
+    return result
+
+
+def _write(
+    folder: RunFolder,
+    document: dict[str, Any],
+    tables: list[Table],
+    settings: WorkspaceSettings,
+    config: dict[str, Any],
+) -> None:
+    folder.open()
+    folder.write("result.json", to_json(document) + "\n")
+    folder.write("result.csv", to_csv(tables) + "\n")
+    config = {
+        "mechanism": document["mechanism"],
+        "parameters": document["params"],
+        "workspace": settings.model_dump(mode="json"),
+        **config,
+    }
+    folder.close(
+        "certify",
+        {
+            "mechanism": document["mechanism"],
+            "config": config,
+            "seed": None,
+            "resumes": [],
+            "units": document["units"],
+        },
+    )
+
+
+def volume_tables(result: CertifiedVolume) -> list[Table]:
+    """Return the bounds as a row."""
+    row = (result.lower, result.upper, result.gap, result.boxes, result.undecided, result.stopped)
+    return [
+        Table(
+            f"{result.mechanism}, {result.working_mode}: guaranteed bounds of the volume",
+            ("lower", "upper", "gap", "boxes", "undecided", "stopped"),
+            (row,),
+            result.units,
+            (result.note,),
+            display=((f"{result.lower:.12g}", f"{result.upper:.12g}", f"{result.gap:.3g}",
+                      *row[3:]),),
+        )
+    ]  # fmt: skip
+
+
+def claim_tables(result: Claim) -> list[Table]:
+    """Return the verdict as a row, with the witness if there is one."""
+    witness = result.witness or dict.fromkeys(result.box)
+    columns = ("verdict", *witness, "witness_lci", "reachable", "open_share", "boxes", "stopped")
+    row = (
+        result.verdict, *witness.values(), result.witness_lci, result.reachable,
+        result.open_share, result.boxes, result.stopped,
+    )  # fmt: skip
+    domain = ", ".join(
+        f"{k} = {low:.6g} .. {high:.6g} {result.units[k]}" for k, (low, high) in result.box.items()
+    )
+    title = f"{result.mechanism}, {result.working_mode}: {result.claim}"
+    notes = (f"domain: {domain}", result.note, f"LCI of the {result.index_note}")
+    return [Table(title, columns, (row,), result.units, notes)]

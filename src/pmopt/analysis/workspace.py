@@ -363,6 +363,7 @@ def _result(
     units["projected_volume"] = measure_unit(["length"] * 3, mechanism.length_unit)
     units["footprint"] = measure_unit(["length"] * 2, mechanism.length_unit)
     units["J"] = mixed_units(mechanism)
+    counts: list[float] = tallies.histogram[0].sum(axis=0).tolist()
     return WorkspaceResult(
         mechanism=mechanism.name,
         params=dict(design.parameters),
@@ -396,7 +397,7 @@ def _result(
         ),
         samples=estimates.samples,
         reachable=estimates.reachable,
-        histogram=tuple(tallies.histogram[0].sum(axis=0).tolist()),
+        histogram=tuple(int(v) if v.is_integer() else v for v in counts),
         shape=shape,
         projection=projection,
         units=units,

@@ -23,7 +23,6 @@ def warmup_command(
 
     \b
     Example:
-      pmopt warmup
       pmopt warmup 2pauu-ppap 3-cur
     """
     from pmopt import api

@@ -34,9 +34,12 @@ TINY = 1e-300
 DOUBT = 1e-5
 #: Squared share of the second singular value in the first below which the index is below 1e-13.
 RANK_ONE = 1e-26
-#: Squared cosine of the angle between columns below which one more turn leaves cosines below 1e-13:
-#: rotations converge quadratically.
-ORTHOGONAL = 1e-13
+#: Squared tangent of a turn below which one sweep more leaves cosines below 1e-13: rotations
+#: converge quadratically once they are small.
+SMALL_TURN = 1e-13
+#: Squared cosine between columns below which they are orthogonal, whatever turn that still takes:
+#: columns of nearly one length turn far for nothing.
+ORTHOGONAL = 1e-25
 #: Most sweeps of rotations; columns that are rounding errors of larger ones never come to rest.
 MOST_SWEEPS = 12
 
@@ -159,22 +162,22 @@ def rotated(x1, x2, x3, y1, y2, y3):
     pp = x1 * x1 + x2 * x2 + x3 * x3
     qq = y1 * y1 + y2 * y2 + y3 * y3
     pq = x1 * y1 + x2 * y2 + x3 * y3
-    c, s = rotation_of(pp, qq, pq)
+    c, s, far = rotation_of(pp, qq, pq)
     return (
         c * x1 - s * y1, c * x2 - s * y2, c * x3 - s * y3,
         s * x1 + c * y1, s * x2 + c * y2, s * x3 + c * y3,
-        1 if pq * pq > ORTHOGONAL * pp * qq else 0,
+        1 if far else 0,
     )  # fmt: skip
 
 
 def rotation_of(pp, qq, pq):
-    """Return cosine and sine of the turn that makes two columns orthogonal."""
+    """Return cosine and sine of what makes two columns orthogonal, and whether it is a turn."""
     gap = qq - pp
     twice = 2.0 * pq
     t = twice / (abs(gap) + math.sqrt(gap * gap + twice * twice) + TINY)
     t = t if gap >= 0.0 else -t
     c = 1.0 / math.sqrt(1.0 + t * t)
-    return c, c * t
+    return c, c * t, t * t > SMALL_TURN and pq * pq > ORTHOGONAL * pp * qq
 
 
 def inverse_condition_fro(a, b, c, d, e, f, g, h, i):
@@ -228,8 +231,8 @@ def orthogonalise(work, count):
                         pp += x * x
                         qq += y * y
                         pq += x * y
-                    c, s = rotation_of(pp, qq, pq)
-                    turned += 1 if pq * pq > ORTHOGONAL * pp * qq else 0
+                    c, s, far = rotation_of(pp, qq, pq)
+                    turned += 1 if far else 0
                     for r in range(ORDER):
                         x = work[r * ORDER + p, i]
                         y = work[r * ORDER + q, i]

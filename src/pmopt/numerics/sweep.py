@@ -40,6 +40,7 @@ def margin_of(pose, i, constants):
 def index_block(pose, count, constants, work, lci):
     """Stub: write the local conditioning indices of ``count`` poses of a block.
 
+    Poses and indices are rows of PITCH: up to a whole vector more of each is written.
     ``work`` is scratch space, a row for each entry of the Jacobian.
     """
     raise NotImplementedError
@@ -351,21 +352,27 @@ def field(poses, constants, margin, lci, scratch):
     """
     k = unpack(constants)
     pose = scratch[:AXES]
-    work = scratch[AXES:]
+    margins = scratch[AXES]
+    indices = scratch[AXES + 1]
+    within = scratch[AXES + 2]
+    work = scratch[AXES + 3 :]
+    # Every index is wanted: with margins of 0 none is left in doubt.
+    within[:] = 0.0
     for first in range(0, poses.shape[1], BLOCK):
         count = min(BLOCK, poses.shape[1] - first)
         for d in range(AXES):
             for i in range(count):
                 pose[d, i] = poses[d, first + i]
         if HEAVY:
-            evaluate_block(pose, count, k, work, margin[first : first + count])
-            # Every index is wanted: with margins of 0 none is left in doubt.
-            pose[0, :] = 0.0
-            index_all(count, work, pose[0], lci[first : first + count])
+            evaluate_block(pose, count, k, work, margins)
+            index_all(count, work, within, indices)
         else:
             for i in range(count):
-                margin[first + i] = margin_of(pose, i, k)
-            index_block(pose, count, k, work, lci[first : first + count])
+                margins[i] = margin_of(pose, i, k)
+            index_block(pose, count, k, work, indices)
+        for i in range(count):
+            margin[first + i] = margins[i]
+            lci[first + i] = indices[i]
 
 
 def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):

@@ -93,8 +93,11 @@ def run_workspace(
 
 
 def histogram_table(result: WorkspaceResult) -> Table:
-    """Return the LCI histogram: counts, and the volume and share they stand for."""
-    total = max(result.reachable, 1)
+    """Return the LCI histogram: counts, and the volume and share they stand for.
+
+    On lines a point counts with its weight.
+    """
+    total = sum(result.histogram) or 1
     volume = 0.0 if result.reachable == 0 else result.volume.value
     rows = tuple(
         (i / BINS, (i + 1) / BINS, count, volume * count / total, count / total)

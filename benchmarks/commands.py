@@ -39,7 +39,7 @@ def command(*arguments: str, repeats: int) -> None:
 class FreeProblem(DesignProblem):
     """The same problem with a made-up front and no sweep: what is left is pymoo's own time."""
 
-    def evaluate(self, variables: np.ndarray) -> Evaluations:
+    def evaluate(self, variables: np.ndarray, samples: int | None = None) -> Evaluations:
         """Return two opposed objectives."""
         unit = (variables - self.lower) / (self.upper - self.lower)
         values = np.stack([unit[:, 2] + unit[:, 3], 1 - unit[:, 2] + unit[:, 3]], axis=1)

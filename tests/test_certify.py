@@ -409,7 +409,11 @@ def test_cli_claim(tmp_path):
     box = ("--domain", "x=-0.1:0.1,y=-0.1:0.1,z=1.3:1.5")
     proven = json_answer("certify", "2pauu-ppap", *box, "--min-lci", "0.2", cwd=tmp_path)
     assert (proven["verdict"], proven["reachable"], proven["witness"]) == ("proven", "all", None)
-    refuted = json_answer("certify", "2pauu-ppap", *box, "--min-lci", "0.9", cwd=tmp_path)
+    result = here(
+        "certify", "2pauu-ppap", *box, "--min-lci", "0.9", "--format", "json", cwd=tmp_path
+    )
+    assert result.returncode == 4
+    refuted = strict_json(result.stdout)
     assert refuted["verdict"] == "refuted" and set(refuted["witness"]) == {"x", "y", "z"}
     assert set(refuted["witness"]) <= set(refuted["units"])
 

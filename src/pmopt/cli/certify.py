@@ -11,6 +11,8 @@ from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.mechanisms import Mechanism
 
+EXIT_UNVERIFIED = 4
+
 
 @click.command("certify")
 @options.mechanism_argument
@@ -47,8 +49,10 @@ def certify_command(
     limits: tuple[str, ...], min_lci: float | None, working_mode: str | None, kind: str | None,
     characteristic_length: float | str | None, norm: str, time_budget: float,
     out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     """Prove or refute that no reachable pose of a box is singular, or that each has LCI >= X.
+
+    The exit code is 0 where it is proven, 4 where it is refuted or left undecided.
 
     \b
     Example:
@@ -78,3 +82,4 @@ def certify_command(
     emit(form, result.to_dict(), certify_run.claim_tables(result))
     if out is not None:
         notify(f"written to {out}")
+    return 0 if result.verdict == "proven" else EXIT_UNVERIFIED

@@ -33,8 +33,8 @@ objectives = ["volume", "gci"]
 {chr(10).join(parameters)}
 
 [workspace]
-samples = 20_000  # of each design during the search; or grid = 40, or target_error = 1e-2
-# sampler = "r-sequence"  # or "sobol", "monte-carlo", "lines"
+samples = "adaptive"  # of each design during the search; or a number, or target_error = 1e-2
+{_sampler(mechanism)}
 # working_mode = "{mechanism.working_modes[0]}"  # of {", ".join(mechanism.working_modes)}
 # norm = "2"  # or "fro"
 # jacobian = "{mechanism.default_jacobian}"  # or "{_other(mechanism)}"
@@ -65,6 +65,14 @@ seed = 1
 [final]  # how finely the designs of the front are measured at the end
 target_error = 5e-4  # relative standard error of volume and GCI
 """
+
+
+def _sampler(mechanism: Mechanism) -> str:
+    """Return the line of the sampler, the best one that the mechanism offers."""
+    if mechanism.line is None:
+        return '# sampler = "r-sequence"  # or "sobol", "monte-carlo"'
+    along = mechanism.pose[mechanism.line_axis].name
+    return f'sampler = "lines"  # exact along {along}; or "r-sequence", "sobol", "monte-carlo"'
 
 
 def _other(mechanism: Mechanism) -> str:

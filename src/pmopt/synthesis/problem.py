@@ -29,6 +29,8 @@ FINAL_SAMPLES = 1 << 26
 #: Samples of a design in the first generations of an adaptive search: fewer save little, as a
 #: design takes as long to make ready, and are too few for the measures in space.
 FIRST_SAMPLES = 1 << 12
+#: On lines, which are exact along one coordinate, as few tell as much.
+FIRST_ON_LINES = 1 << 10
 #: Parts of a population, for each thread.
 _SLICES = 4
 #: Samples behind the measures in space when the front is measured.
@@ -139,7 +141,9 @@ class DesignProblem:
     @property
     def first_samples(self) -> int | None:
         """Samples of each design in the first generation."""
-        return FIRST_SAMPLES if self.config.adaptive else self.samples
+        if not self.config.adaptive:
+            return self.samples
+        return FIRST_ON_LINES if self.config.workspace.sampler == "lines" else FIRST_SAMPLES
 
     @property
     def units(self) -> dict[str, str]:

@@ -156,6 +156,7 @@ class Sweeper:
         self.settings = settings
         self.seed = seed
         self.purpose = "workspace samples"
+        self._sequences: dict[tuple[int, str, int], sequences.Sequence] = {}
         default = default_threads()  # numba reads the variable too: a bad one is refused here
         self.threads = threads or default
         self.working_mode = mechanism.check_mode(settings.working_mode, f"{where}: working_mode")
@@ -291,13 +292,18 @@ class Sweeper:
     def sequence(self, replicates: int) -> sequences.Sequence:
         """Return the sample points shared by all designs of a run."""
         sampler = self.settings.sampler
-        points = sequences.make_sequence(
-            "sobol" if sampler == "lines" else sampler,
-            len(self.mechanism.pose),
-            replicates,
-            seed_sequence(self.seed, self.purpose),
-        )
-        return points.with_last(self.mechanism.line_axis) if sampler == "lines" else points
+        key = self.seed, self.purpose, replicates
+        if key not in self._sequences:
+            points = sequences.make_sequence(
+                "sobol" if sampler == "lines" else sampler,
+                len(self.mechanism.pose),
+                replicates,
+                seed_sequence(self.seed, self.purpose),
+            )
+            if sampler == "lines":
+                points = points.with_last(self.mechanism.line_axis)
+            self._sequences[key] = points
+        return self._sequences[key]
 
     def tally(
         self,

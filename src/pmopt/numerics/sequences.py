@@ -142,10 +142,8 @@ def _scramble(directions: NDArray[np.uint64], rng: np.random.Generator) -> NDArr
             # the first j and always the j-th.
             mask = int(rng.integers(0, 1 << j)) << 1 | 1 if j else 1
             mask <<= bits - 1 - j
-            parity = np.array(
-                [(int(v) & mask).bit_count() & 1 for v in directions[row]], dtype=np.uint64
-            )
-            scrambled[row] |= parity << np.uint64(bits - 1 - j)
+            parity = np.bitwise_count(directions[row] & np.uint64(mask)).astype(np.uint64)
+            scrambled[row] |= (parity & np.uint64(1)) << np.uint64(bits - 1 - j)
     return scrambled
 
 

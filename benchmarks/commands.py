@@ -6,9 +6,11 @@ Run: python benchmarks/commands.py [--repeats 5] [--generations 200]
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -19,25 +21,58 @@ from pmopt.synthesis.optimise import Optimisation
 from pmopt.synthesis.problem import DesignProblem, Evaluations
 
 ROOT = Path(__file__).resolve().parents[1]
+PMOPT = [sys.executable, "-m", "pmopt"]
+SAMPLES = 20_000
+
+
+def told(what: str, times: list[float]) -> None:
+    """Print the median and the range of some times."""
+    print(f"{what:58s} {statistics.median(times):6.2f} s ({min(times):.2f} .. {max(times):.2f})")
 
 
 def command(*arguments: str, repeats: int) -> None:
     """Time a command as a process, after one run that fills the caches."""
-    line = [sys.executable, "-m", "pmopt", *arguments]
     times = []
     for _ in range(repeats + 1):
         began = time.perf_counter()
-        subprocess.run(line, check=True, capture_output=True)
+        subprocess.run([*PMOPT, *arguments], check=True, capture_output=True)
         times.append(time.perf_counter() - began)
-    values = times[1:]
-    print(
-        f"pmopt {' '.join(arguments):28s} first {times[0]:6.2f} s, then median "
-        f"{statistics.median(values):.2f} s ({min(values):.2f} .. {max(values):.2f})"
-    )
+    told(f"pmopt {' '.join(arguments)}", times[1:])
+
+
+def cold(*arguments: str) -> None:
+    """Time a command on an empty cache of kernels."""
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        subprocess.run([*PMOPT, *arguments], check=True, capture_output=True,
+                       env={**os.environ, "PMOPT_CACHE_DIR": folder})  # fmt: skip
+        told(f"pmopt {' '.join(arguments)}, empty cache", [time.perf_counter() - began])
+
+
+def first_generation(repeats: int) -> None:
+    """Time the start of a search until its first generation is kept."""
+    times = []
+    for _ in range(repeats):
+        with tempfile.TemporaryDirectory() as folder:
+            line = [
+                *PMOPT,
+                "pareto",
+                str(ROOT / "configs/2pauu-ppap.toml"),
+                "--out",
+                f"{folder}/run",
+            ]
+            began = time.perf_counter()
+            process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            while not list(Path(folder).glob("run/**/*0001*")) and process.poll() is None:
+                time.sleep(0.005)
+            times.append(time.perf_counter() - began)
+            process.kill()
+            process.wait()
+    told("pmopt pareto configs/2pauu-ppap.toml, first generation", times)
 
 
 class FreeProblem(DesignProblem):
-    """The same problem with a made-up front and no sweep: what is left is pymoo's own time."""
+    """The same problem with a made-up front and no sweep: what is left is the search itself."""
 
     def evaluate(self, variables: np.ndarray, samples: int | None = None) -> Evaluations:
         """Return two opposed objectives."""
@@ -54,15 +89,42 @@ def run_time(problem: DesignProblem) -> float:
     return time.perf_counter() - began
 
 
+def pymoo_time(problem: DesignProblem) -> float:
+    """Return the seconds of pymoo's own NSGA-II on the same problem, driven by ask and tell."""
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
+    from pymoo.operators.crossover.sbx import SBX
+    from pymoo.operators.mutation.pm import PM
+    from pymoo.problems.static import StaticProblem
+
+    settings = problem.config.algorithm
+    stated = Problem(n_var=len(problem.variables), n_obj=2, n_ieq_constr=1,
+                     xl=problem.lower, xu=problem.upper)  # fmt: skip
+    algorithm = NSGA2(
+        pop_size=settings.population,
+        crossover=SBX(eta=settings.crossover_eta, prob=settings.crossover_probability),
+        mutation=PM(eta=settings.mutation_eta),
+    )
+    began = time.perf_counter()
+    algorithm.setup(stated, termination=("n_gen", settings.generations), seed=1)
+    for _ in range(settings.generations):
+        asked = algorithm.ask()
+        found = problem.evaluate(asked.get("X").astype(float))
+        Evaluator().eval(StaticProblem(stated, F=-found.values, G=-found.slack), asked)
+        algorithm.tell(infills=asked)
+    return time.perf_counter() - began
+
+
 def paper_run(generations: int) -> None:
-    """Compare the search with pymoo's own time plus points x ns / threads."""
+    """Compare the search with its own time plus points x ns / threads, and that with pymoo's."""
     config = load_config(ROOT / "configs" / "2pauu-ppap.toml")
     algorithm = config.algorithm.model_copy(update={"generations": generations})
-    config = config.model_copy(update={"algorithm": algorithm})
+    workspace = config.workspace.model_copy(update={"samples": SAMPLES, "sampler": "r-sequence"})
+    config = config.model_copy(update={"algorithm": algorithm, "workspace": workspace})
     problem = DesignProblem(config, threads=2)
     single = DesignProblem(config, threads=1)
     settings = config.algorithm
-    samples = config.workspace.samples or 0
     rng = np.random.default_rng(1)
     # Designs as a search meets them: most of its time goes to those near the front.
     front = np.array([0.7, 0.7, 1.3, 1.5, 0.3]) + rng.uniform(-0.05, 0.0, (200, 5))
@@ -70,23 +132,34 @@ def paper_run(generations: int) -> None:
     began = time.perf_counter()
     for _ in range(5):
         single.evaluate(front)
-    each = (time.perf_counter() - began) / 5 / (200 * samples)
-    points = settings.population * settings.generations * samples
-    own = run_time(FreeProblem(config, threads=1))
+    each = (time.perf_counter() - began) / 5 / (200 * SAMPLES)
+    points = settings.population * settings.generations * SAMPLES
+    free = FreeProblem(config, threads=1)
+    pymoo_time(free)  # imports
+    own, pymoos = run_time(free), pymoo_time(free)
     whole = run_time(problem)
     parts = own + points * each / 2
+    size = f"{settings.population} x {settings.generations}"
     print(
-        f"\n{settings.population} x {settings.generations} at {samples} points, 2 threads: "
-        f"{whole:.1f} s; pymoo's own {own:.1f} s + {points:.1e} points x {each * 1e9:.1f} ns / 2 = "
+        f"\n{size} at {SAMPLES} points, 2 threads: {whole:.1f} s; "
+        f"the search's own {own:.1f} s + {points:.1e} points x {each * 1e9:.1f} ns / 2 = "
         f"{parts:.1f} s; ratio {whole / parts:.2f}"
     )
+    print(f"{size} without samples: {own:.2f} s, with pymoo's NSGA2 {pymoos:.2f} s: "
+          f"{pymoos / own:.1f} times")  # fmt: skip
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Whole commands and the paper's run.")
     parser.add_argument("--repeats", type=int, default=5, help="of each command")
     parser.add_argument("--generations", type=int, default=200, help="of the paper's run")
+    parser.add_argument("--warm", action="store_true", help="leave the empty cache out")
     given = parser.parse_args()
     command("--help", repeats=given.repeats)
-    command("workspace", "2pauu-ppap", repeats=given.repeats)
+    command("workspace", "2pauu-ppap", "--samples", "1000000", repeats=given.repeats)
+    command("workspace", "2pauu-ppap", "--samples", "1000000", "--shape-grid", "0",
+            repeats=given.repeats)  # fmt: skip
+    first_generation(given.repeats)
+    if not given.warm:
+        cold("workspace", "2pauu-ppap", "--samples", "1000000")
     paper_run(given.generations)

@@ -40,9 +40,18 @@ def test_sweep_runs():
 
 
 def test_commands_run():
-    text = run("commands.py", "--repeats", 1, "--generations", 2)
+    text = run("commands.py", "--repeats", 1, "--generations", 2, "--warm")
     assert "pmopt workspace 2pauu-ppap" in text
+    assert re.search(r"first generation +[\d.]+ s", text)
     assert re.search(r"200 x 2 at .* ratio [\d.]+$", text, re.M)
+    assert re.search(r"with pymoo's NSGA2 .* times$", text, re.M)
+
+
+def test_fidelity_runs():
+    """Both searches end, on the same points, with the fronts compared."""
+    text = run("fidelity.py", "--config", FOLDER.parent / "configs/quickstart.toml", "--population",
+               8, "--generations", 4, "--samples", 2000, "--fine", 20_000)  # fmt: skip
+    assert text.count(" against fixed: hypervolume ") == 2
 
 
 @needs_gcc

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
@@ -72,7 +72,8 @@ def test_outline_bounds_all_ends(name, least):
     assert len(every) > 1000
     found = sweeper.outline(design, points, 0, 40_000)
     assert len(found) < len(every)
-    assert {tuple(p) for p in found} <= {tuple(p) for p in every}
+    # Of the same poses, whose numbers differ in the last digit where they are compiled apart.
+    assert cKDTree(every).query(found)[0].max() < 1e-9 * np.ptp(every)
     whole = ConvexHull(every).volume
     assert ConvexHull(found).volume == pytest.approx(whole, rel=2e-4)
     assert ConvexHull(found).volume <= whole * (1 + 1e-12)

@@ -14,7 +14,7 @@ from pmopt.reporting import pictures, run_folder
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.tasks import Plan
 from pmopt.synthesis.checkpoint import Checkpoint, plain
-from pmopt.synthesis.config import SEARCH_SAMPLES, RunConfig
+from pmopt.synthesis.config import RunConfig
 from pmopt.synthesis.front import Front, FrontDesign, measure_front
 from pmopt.synthesis.optimise import Generation, Optimisation, require_feasible
 from pmopt.synthesis.problem import DesignProblem, Evaluations
@@ -140,9 +140,7 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
     """Measure a few generations of a small population and scale them to the run."""
     settings = config.algorithm
     population = min(settings.population, 100)
-    workspace = config.workspace
-    if config.adaptive:  # about what it takes on average
-        workspace = workspace.model_copy(update={"samples": SEARCH_SAMPLES})
+    workspace = config.workspace.model_copy(update={"samples": config.search_samples})
     probe = config.model_copy(
         update={
             "algorithm": settings.model_copy(update={"population": population, "generations": 4}),

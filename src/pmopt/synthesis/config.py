@@ -17,8 +17,10 @@ from pmopt.mechanisms.base import as_number
 Objective = Literal["volume", "gci", "projected_volume", "footprint"]
 #: +1 for what is maximised, -1 for what is minimised.
 SENSES: dict[str, int] = {"volume": 1, "gci": 1, "projected_volume": 1, "footprint": -1}
-#: Samples of a design where a search that chooses their number itself does not say.
+#: Samples of a design where a search that chooses their number itself does not say, about what it
+#: takes on average: on points anywhere and on lines.
 SEARCH_SAMPLES = 20_000
+SEARCH_ON_LINES = 1 << 12
 #: What ``samples`` may say instead of a number, and the default.
 ADAPTIVE = "adaptive"
 
@@ -97,6 +99,13 @@ class RunConfig(BaseModel):
         """Whether the search chooses the number of samples."""
         workspace = self.workspace
         return workspace.samples is workspace.grid is workspace.target_error is None
+
+    @property
+    def search_samples(self) -> int | None:
+        """Samples of a design in the search; None on grids and to a target error."""
+        if not self.adaptive:
+            return self.workspace.samples
+        return SEARCH_ON_LINES if self.workspace.sampler == "lines" else SEARCH_SAMPLES
 
     @model_validator(mode="after")
     def _consistent(self) -> RunConfig:

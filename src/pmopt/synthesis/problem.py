@@ -136,7 +136,7 @@ class DesignProblem:
             self.constraints.insert(1, MIN_LCI)
         #: Samples of a design: of each in the search, where it does not choose them itself.
         #: None on grids and to a target error.
-        self.samples = SEARCH_SAMPLES if config.adaptive else config.workspace.samples
+        self.samples = config.search_samples
 
     @property
     def first_samples(self) -> int | None:
@@ -198,7 +198,8 @@ class DesignProblem:
             "gci": (found.gci, found.gci_error),
         }
         if self._projects:
-            for name, pairs in self._projected(designs, samples or SEARCH_SAMPLES).items():
+            many = max(samples or SEARCH_SAMPLES, FIRST_SAMPLES)
+            for name, pairs in self._projected(designs, many).items():
                 by_name[name] = (pairs[:, 0], pairs[:, 1])
         # A quantity that does not exist breaks its bounds, and an objective the existence of a
         # workspace: too few poses are reachable to tell their positions.

@@ -464,7 +464,7 @@ class PauuPpap(Mechanism):
             low, high = limits.get(joint, (-math.pi, math.pi))
             middle, half = (low + high) / 2, (high - low) / 2
             # A full turn excludes nothing, not even by rounding.
-            least = -2 * l1 if half >= math.pi else l1 * math.cos(half)
+            least = -math.inf if half >= math.pi else l1 * math.cos(half)
             arcs += [math.cos(middle), math.sin(middle), least]
         return [
             m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,

@@ -444,7 +444,7 @@ class Sweeper:
         """
         floor = [k for k in range(3) if k != self.mechanism.vertical]
         some = self.shadow(design, self.points(design, points, first, min(last, first + _FEW)))
-        if len(some) == 0:
+        if len(some) == 0 or self.settings.min_lci > 0:
             return self.shadow(design, self.points(design, points, first, last))
         # A few poses tell about how far the strips must reach.
         reach = max(1.2 * float(np.ptp(some[:, 0])), 1e-300)
@@ -453,8 +453,7 @@ class Sweeper:
         highest = np.full((_STRIPS + 1, 2), -np.inf)
         self._kernels.outline(
             *points, first, last, np.array(design.constants), design.lower, design.width,
-            self.settings.min_lci, *floor, edge, reach / _STRIPS,
-            lowest, highest, self._scratch(),
+            *floor, edge, reach / _STRIPS, lowest, highest, self._scratch(),
         )  # fmt: skip
         found = np.concatenate([lowest, highest])
         return np.asarray(found[np.isfinite(found).all(axis=1)])

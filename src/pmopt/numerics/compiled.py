@@ -211,27 +211,34 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
         if compiled.on_compile is not None:
             compiled.on_compile()
             compiled.on_compile = None
-    # Entries of one text share functions: each process takes neighbours, about as much text.
-    shares: list[list[Any]] = [[] for _ in range(min(workers, len(missing)))]
-    total, done = sum(len(c.text) for c, _ in missing), 0
-    for c, name in missing:
-        entries = [[e.name, list(e.arguments)] for e in c.entries]
-        shares[done * len(shares) // total].append([c.text, entries, name])
-        done += len(c.text)
+    # The longest texts first; each process takes the next one when it has done one.
+    missing.sort(key=lambda item: -len(item[0].text))
+    queue = iter([json.dumps([c.text, c.entries, name]) + "\n" for c, name in missing])
     command = [sys.executable, "-c", f"from {__name__} import _serve; _serve()"]
-    processes = []
+    processes: list[subprocess.Popen[str]] = []
+
+    def feed(process: subprocess.Popen[str]) -> None:
+        assert process.stdin is not None and process.stdout is not None
+        with contextlib.suppress(OSError):
+            for line in queue:
+                process.stdin.write(line)
+                process.stdin.flush()
+                if not process.stdout.readline():
+                    break
+            process.stdin.close()
+
     try:
-        for share in filter(None, shares):
+        for _ in range(min(workers, len(missing))):
             process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                text=True, encoding="utf-8",
+            )  # fmt: skip
             processes.append(process)
-            assert process.stdin is not None
-            with contextlib.suppress(BrokenPipeError):
-                process.stdin.write(json.dumps(share).encode())
-                process.stdin.close()
-        for process in processes:
-            process.wait()
+        threads = [threading.Thread(target=feed, args=(p,), daemon=True) for p in processes]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
     finally:
         for process in processes:
             process.kill()
@@ -239,12 +246,14 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
 
 
 def _serve() -> None:
-    """Compile what stdin asks for: what a process of :func:`compile_ahead` runs."""
+    """Compile what stdin asks for, a line each: what a process of :func:`compile_ahead` runs."""
     texts: dict[str, Compiled] = {}
-    for text, entries, name in json.load(sys.stdin):
+    for line in sys.stdin:
+        text, entries, name = json.loads(line)
         if text not in texts:
             texts[text] = Compiled(text, [Entry(n, tuple(a)) for n, a in entries])
         getattr(texts[text], name)
+        print(name, flush=True)
 
 
 def _object_code(entry: Entry, function: Any) -> bytes:

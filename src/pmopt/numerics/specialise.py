@@ -129,7 +129,7 @@ class Recipe(NamedTuple):
             )),
             Entry("probe", (_TABLE, "float64[:]", _TABLE)),
             Entry("outline", (
-                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]", "float64",
+                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]",
                 "int64", "int64", "float64", "float64", _TABLE, _TABLE, scratch,
             )),
         )  # fmt: skip

@@ -387,7 +387,7 @@ def points(kind, step, start, high, low, cells, first, last, lower, width, poses
 
 
 def outline(
-    kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci,
+    kind, step, start, high, low, cells, first, last, constants, lower, width,
     axis_u, axis_v, edge, size, lowest, highest, scratch,
 ):  # fmt: skip
     """Keep the ends of segments of reachable poses that bound their shadow on a plane.
@@ -408,7 +408,6 @@ def outline(
     k = unpack(constants)
     pose = scratch[:AXES]
     margin = scratch[AXES]
-    lci = scratch[AXES + 1]
     work = scratch[AXES + 3 :]
     strips = lowest.shape[0] - 1
     for block in range(first, last, BLOCK):
@@ -416,14 +415,11 @@ def outline(
         fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
         if HEAVY:
             evaluate_block(pose, count, k, work, margin)
-            index_all(count, work, margin, lci)
         else:
             for i in range(count):
                 margin[i] = margin_of(pose, i, k)
-            if min_lci > 0.0:
-                index_block(pose, count, k, work, lci)
         for i in range(count):
-            if margin[i] < 0.0 or (min_lci > 0.0 and lci[i] < min_lci):
+            if margin[i] < 0.0:
                 continue
             found = skeleton_of(pose, i, k)
             for e in range(ENDS):

@@ -34,12 +34,10 @@ TINY = 1e-300
 DOUBT = 1e-5
 #: Squared share of the second singular value in the first below which the index is below 1e-13.
 RANK_ONE = 1e-26
-#: Squared tangent of a turn below which one sweep more leaves cosines below 1e-13: rotations
-#: converge quadratically once they are small.
-SMALL_TURN = 1e-13
-#: Squared cosine between columns below which they are orthogonal, whatever turn that still takes:
-#: columns of nearly one length turn far for nothing.
-ORTHOGONAL = 1e-25
+#: Squared product of the turn's tangent and the columns' cosine below which one sweep is the last:
+#: rotations then converge quadratically, and what is left of a cosine moves a squared length by its
+#: product with the turn. (Columns of nearly one length turn far for a small cosine.)
+STILL = 1e-26
 #: Most sweeps of rotations; columns that are rounding errors of larger ones never come to rest.
 MOST_SWEEPS = 12
 
@@ -177,7 +175,7 @@ def rotation_of(pp, qq, pq):
     t = twice / (abs(gap) + math.sqrt(gap * gap + twice * twice) + TINY)
     t = t if gap >= 0.0 else -t
     c = 1.0 / math.sqrt(1.0 + t * t)
-    return c, c * t, t * t > SMALL_TURN and pq * pq > ORTHOGONAL * pp * qq
+    return c, c * t, t * t * (pq * pq) > STILL * (pp * qq)
 
 
 def inverse_condition_fro(a, b, c, d, e, f, g, h, i):

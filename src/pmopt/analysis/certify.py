@@ -38,6 +38,8 @@ MAX_OPEN = 1 << 22
 _BATCH = 1 << 13
 #: Share of the gap that is bisected in one round.
 _ROUND = 0.5
+#: Share of the gap that may be outside all boxes before it is looked at.
+_COVER = 0.2
 #: Backward error of a determinant up to order 6: n^3 EPS times a growth of at most 2^(n - 1).
 _BACKWARD = 1e-11
 #: Settings of a workspace that nothing is proven for, and their values that change nothing.
@@ -260,6 +262,15 @@ def _enclose(
             return boxes, "gap"
         if len(boxes.low) > MAX_OPEN:
             return boxes, "boxes"
+        if boxes.open_measure > _COVER * (high - low):
+            found = enclosure.more(_ROUND)
+            if found is not None:
+                boxes.open_measure = enclosure.open_measure
+                boxes.examined += len(found[0])
+                boxes.add([(*found, *enclosure.measures(*found))])
+                if budget is None or time.monotonic() - began <= budget:
+                    continue
+                return boxes, "time budget"
         # No more than what closes the gap if every bisection halved its part.
         wanted = min(_ROUND, 2 * (1 - gap / reached) + 0.05)
         taken = boxes.take(_largest((boxes.high - boxes.low) * boxes.volumes(), wanted))

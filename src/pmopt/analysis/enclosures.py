@@ -161,6 +161,21 @@ class Enclosure:
                 factor *= 2.0
         return centres, halves, factor
 
+    def more(self, share: float) -> Boxes | None:
+        """Return boxes to add that hold some of what ``open_measure`` told, which falls.
+
+        Parameters
+        ----------
+        share : float
+            Of the open measure, that is looked at.
+
+        Returns
+        -------
+        tuple or None
+            None if it can not fall any more.
+        """
+        return None
+
     def whole(self) -> Boxes:
         """Return boxes that hold all poses that are not proven out of reach."""
         shape = (1, len(self.lower))

@@ -44,9 +44,9 @@ def _traced(mechanism: Mechanism) -> TracedCurve:
 
 
 class _Columns(NamedTuple):
-    """Columns of cells along v, (n, ..); the children of one are ``child`` and the one that is as
-    many columns later as were split with it.
+    """Columns of cells along v, (n, ..).
 
+    The children of one are ``child`` and that which is as many columns later as were split with it.
     ``axis`` is the coordinate it is split across, ``opening`` the open volume of one that is not
     split, ``first`` the open cell to look at. Of each cell: whether it may be ``within`` the
     limits, the ``signs`` of the slope and of its change by v, and what follows, ``kinds``.
@@ -61,6 +61,14 @@ class _Columns(NamedTuple):
     within: NDArray[np.bool_]
     signs: NDArray[np.int8]
     kinds: NDArray[np.int8]
+
+    def at(self, rows: NDArray[np.int64]) -> _Columns:
+        """Return some of the columns."""
+        return _Columns._make(a[rows] for a in self)
+
+    def and_(self, others: _Columns) -> _Columns:
+        """Return these columns and others."""
+        return _Columns._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
 
 
 class CurveEnclosure(Enclosure):
@@ -135,8 +143,7 @@ class CurveEnclosure(Enclosure):
         Takes those cells that are newly told to the boxes, and adds to the open volume what the
         others hold at most.
         """
-        _, _, _, _, _, _, within, signs, kinds = columns
-        before = kinds
+        within, signs, before = columns.within, columns.signs, columns.kinds
         boxes = self._cells(columns)
         which = np.flatnonzero(((before == _UNTOLD) & within).ravel())
         within = within.copy()
@@ -235,9 +242,9 @@ class CurveEnclosure(Enclosure):
         halves = columns.halves[rows]
         shift = np.zeros_like(halves)
         shift[np.arange(count), axis] = halves[np.arange(count), axis] / 2
-        parents = [a[rows] for a in columns]
-        children = _Columns(*(np.concatenate([a, a]) for a in parents))._replace(
-            centres=np.concatenate([parents[0] - shift, parents[0] + shift]),
+        parents = columns.at(rows)
+        children = parents.and_(parents)._replace(
+            centres=np.concatenate([parents.centres - shift, parents.centres + shift]),
             halves=np.concatenate([halves - shift, halves - shift]),
             child=np.full(2 * count, -1),
         )
@@ -249,7 +256,7 @@ class CurveEnclosure(Enclosure):
         opening[rows] = 0.0
         columns = columns._replace(child=child, axis=split, opening=opening)
         self._steps.append((len(columns.child), count))
-        self._columns = _Columns(*map(np.concatenate, zip(columns, found, strict=True)))
+        self._columns = columns.and_(found)
         self.open_measure = float(self._columns.opening.sum()) * (1 + 1e-12)
 
     def _axes(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -258,7 +265,7 @@ class CurveEnclosure(Enclosure):
         That in which a narrower box narrows slope and bend of the first open cell most.
         """
         columns = self._columns
-        part = _Columns(*(a[rows] for a in columns))
+        part = columns.at(rows)
         centres, halves = (
             a.reshape(len(rows), _ALONG, -1)[np.arange(len(rows)), part.first]
             for a in self._cells(part)
@@ -273,7 +280,7 @@ class CurveEnclosure(Enclosure):
             with np.errstate(over="ignore", invalid="ignore"):
                 score = np.log(np.minimum(np.nan_to_num(range_, nan=1e100), 1e100)).sum(axis=0)
             scores.append(score - 1e-3 * np.log(halves[:, axis]))
-        return np.argmin(np.stack(scores, axis=1), axis=1)
+        return np.asarray(np.argmin(np.stack(scores, axis=1), axis=1))
 
     @property
     def _others(self) -> list[int]:
@@ -332,14 +339,15 @@ class CurveEnclosure(Enclosure):
         columns = self._columns
         fits = (np.abs(places - columns.centres[node]) + widths <= columns.halves[node]).all(axis=1)
         for start, count in self._steps:
-            inner = np.flatnonzero((columns.child[node] >= start) & (columns.child[node] < start + count))
+            child = columns.child[node]
+            inner = np.flatnonzero((child >= start) & (child < start + count))
             if not len(inner):
                 continue
             parent = node[inner]
             across = columns.axis[parent]
             offset = places[inner, across] - columns.centres[parent, across]
             whole = np.abs(offset) >= widths[inner, across]
-            child = columns.child[parent] + np.where(offset > 0, count, 0)
+            child = child[inner] + np.where(offset > 0, count, 0)
             node[inner] = np.where(whole, child, parent)
         along = np.clip((centres[:, axis] * _ALONG).astype(np.int64), 0, _ALONG - 1)
         fits &= np.abs(centres[:, axis] * _ALONG - along - 0.5) + halves[:, axis] * _ALONG <= 0.5

@@ -68,7 +68,8 @@ class _Columns(NamedTuple):
 
     def and_(self, others: _Columns) -> _Columns:
         """Return these columns and others."""
-        return _Columns._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
+        both: list[tuple[Any, Any]] = list(zip(self, others, strict=True))
+        return _Columns._make(np.concatenate(pair) for pair in both)
 
 
 class CurveEnclosure(Enclosure):

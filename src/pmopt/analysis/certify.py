@@ -292,7 +292,8 @@ def _enclose(
                 centres, halves, lows, highs = (a[start:] for a in taken)
                 boxes.add([*parts, (centres, halves, lows, highs)])
                 return boxes, "time budget"
-            children = bisected(*(a[start : start + _BATCH] for a in taken[:2]), weights)
+            part = slice(start, start + _BATCH)
+            children = bisected(taken[0][part], taken[1][part], weights)
             boxes.examined += len(children[0])
             parts.append((*children, *enclosure.measures(*children)))
         boxes.add(parts)

@@ -26,6 +26,8 @@ from pmopt.numerics.expressions import Graph, TracedCurve, trace_curve
 _ALONG, _ACROSS = 128, 16
 #: How often columns are bisected where boxes for all poses are asked for, and their least size.
 _DEPTH, _LEAST_HALF = 8, 0.5**40
+#: Columns that are split at once, and how many there are before no more are split.
+_GROUP, _MOST_COLUMNS = 1 << 12, 1 << 18
 #: Cells whose signs are looked for at once, beyond the last one that is told.
 _AHEAD = 4
 #: Pieces along v that a cell is cut into where its signs are not told as a whole.
@@ -104,10 +106,11 @@ class CurveEnclosure(Enclosure):
         origin = self.inputs(np.full((1, len(self.lower)), 0.5), np.zeros((1, len(self.lower))))
         self._direction = int(np.sign(self.evaluate(slopes, origin)[0, 0, 0]))
         self._mirrored = self._mirrors(graph, traced)
-        self.open_measure = 0.0
+        self._ahead = _AHEAD
         self._told: list[Boxes] = []
         self._steps: list[tuple[int, int]] = []
         self._columns = self._examined(self._roots())
+        self.open_measure = self._open_volume()
 
     def _mirrors(self, graph: Graph, traced: TracedCurve) -> list[int]:
         """Return the coordinates whose sign changes nothing of what is reachable."""
@@ -141,8 +144,7 @@ class CurveEnclosure(Enclosure):
     def _examined(self, columns: _Columns) -> _Columns:
         """Return columns with what is told of their cells; cells told before stay as they are.
 
-        Takes those cells that are newly told to the boxes, and adds to the open volume what the
-        others hold at most.
+        Takes those cells that are newly told to the boxes.
         """
         within, signs, before = columns.within, columns.signs, columns.kinds
         boxes = self._cells(columns)
@@ -168,7 +170,7 @@ class CurveEnclosure(Enclosure):
             counts = (rest | blocked).astype(np.int64)
             blocks = blocked.astype(np.int64)
             for side in (slice(half - 1, None, -1), slice(half, None)):
-                near = np.cumsum(counts[:, side], axis=1) <= _AHEAD
+                near = np.cumsum(counts[:, side], axis=1) <= self._ahead
                 near &= np.cumsum(blocks[:, side], axis=1) == 0
                 rest[:, side] &= near
             which = np.flatnonzero(rest.ravel())
@@ -178,23 +180,24 @@ class CurveEnclosure(Enclosure):
             signs.reshape(-1, 2)[which] = self._by_batches(self._signs, boxes, which)
         new = np.flatnonzero(((kinds == _KEPT) & (before == _UNTOLD) & within).ravel())
         self._told.append((boxes[0][new], boxes[1][new]))
-        opening, first = self._opening(boxes, (kinds == _UNTOLD) & within)
-        self.open_measure += float(opening.sum()) * (1 + 1e-12)
+        opening, first, held = self._opening(boxes, (kinds == _UNTOLD) & within)
+        within &= (kinds != _UNTOLD) | held
         return columns._replace(
             opening=opening, first=first, within=within, signs=signs, kinds=kinds.astype(np.int8)
         )
 
     def _opening(
         self, boxes: Boxes, open_cells: NDArray[np.bool_]
-    ) -> tuple[Array, NDArray[np.int64]]:
+    ) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
         """Return what the open cells of columns hold at most, and the first one of each column.
 
-        x is monotonic on the piece: from its value before the first open cell to an end of its
-        range.
+        With them which cells hold anything. x is monotonic on the piece: from its value before the
+        first open cell to an end of its range.
         """
         axis, half = self._axis, _ALONG // 2
         low, high = self._range
         place = np.arange(_ALONG)
+        holding = open_cells.copy()
         opening, most_open = np.zeros(len(open_cells)), np.zeros(len(open_cells))
         found = np.full(len(open_cells), -1)
         for outwards in (1, -1):
@@ -214,16 +217,21 @@ class CurveEnclosure(Enclosure):
             least, most = extremes(self.evaluate(self._value, self.inputs(centres, halves))[0])
             rest = high - least if outwards == self._direction else most - low
             rest = np.clip(np.where(np.isnan(rest), self._span, rest), 0.0, self._span)
+            holding[np.ix_(rows[rest == 0], place >= half if outwards > 0 else place < half)] = (
+                False
+            )
             # What is mirrored counts as often.
             held = footprint * rest * 2 ** len(self._mirrored) / self.width[axis] * (1 + 1e-12)
             opening[rows] += held
             found[rows] = np.where(held >= most_open[rows], first, found[rows])
             most_open[rows] = np.maximum(held, most_open[rows])
-        return opening, found
+        return opening, found, holding
 
     def more(self, share: float) -> Boxes | None:
         """Split the columns that hold a share of the open volume; see the base class."""
         columns = self._columns
+        if len(columns.child) > _MOST_COLUMNS:
+            return None
         usable = (columns.opening > 0) & (columns.child < 0)
         usable &= columns.halves.min(axis=1) > _LEAST_HALF
         order = np.argsort(np.where(usable, -columns.opening, 0.0), kind="stable")
@@ -232,8 +240,10 @@ class CurveEnclosure(Enclosure):
             return None
         sums = np.cumsum(columns.opening[order])
         rows = np.sort(order[: int(np.searchsorted(sums, share * sums[-1])) + 1])
-        self._split(rows)
-        return self._told[-1]
+        told = len(self._told)
+        for start in range(0, len(rows), _GROUP):
+            self._split(rows[start : start + _GROUP])
+        return _joined(self._told[told:])
 
     def _split(self, rows: NDArray[np.int64]) -> None:
         """Bisect columns across the coordinate that the first open cell's signs depend on most."""
@@ -249,7 +259,6 @@ class CurveEnclosure(Enclosure):
             halves=np.concatenate([halves - shift, halves - shift]),
             child=np.full(2 * count, -1),
         )
-        self.open_measure = 0.0
         found = self._examined(children)
         child, split = columns.child.copy(), columns.axis.copy()
         child[rows], split[rows] = len(child) + np.arange(count), axis
@@ -258,7 +267,11 @@ class CurveEnclosure(Enclosure):
         columns = columns._replace(child=child, axis=split, opening=opening)
         self._steps.append((len(columns.child), count))
         self._columns = columns.and_(found)
-        self.open_measure = float(self._columns.opening.sum()) * (1 + 1e-12)
+        self.open_measure = self._open_volume()
+
+    def _open_volume(self) -> float:
+        """Return the sum over columns, rounded up."""
+        return float(self._columns.opening.sum()) * (1 + (_MOST_COLUMNS + 4 * _GROUP) * EPS)
 
     def _axes(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return across which coordinate columns are to be split.
@@ -361,6 +374,7 @@ class CurveEnclosure(Enclosure):
 
     def whole(self) -> Boxes:
         """Return boxes that hold all poses that are not proven out of reach."""
+        self._ahead = _ALONG
         for _ in range(_DEPTH):
             self.more(1.0)
         columns = self._columns

@@ -229,7 +229,7 @@ def test_curve_of_configurations(mode):
         mu = math.sqrt(1 - (math.cos(pose[1]) * math.sin(pose[2])) ** 2)
         places.append([math.atan2(found[3] / mu, found[6] * found[4] / mu), *pose[1:]])
     points = (np.array(places) - enclosure.lower) / enclosure.width
-    for level in (7, 9):
+    for level in (8, 10):
         halves = np.full_like(points, 0.5 ** (level + 1))
         centres = (2 * np.floor(points * 2.0**level) + 1) * halves
         low, high = enclosure.shares(centres, halves)
@@ -321,7 +321,7 @@ def test_columns_are_told_right(params, given):
         - widths[chosen]
         + halves * (1 + 2 * np.floor(rng.random(halves.shape) * 2.0**steps))
     )
-    levels = rng.integers(7, 11, (3000, 1))
+    levels = rng.integers(8, 11, (3000, 1))
     tiny = np.repeat(0.5 ** (levels + 1.0), 3, axis=1)
     anywhere = (2 * np.floor(rng.random((3000, 3)) * 2.0**levels) + 1) * tiny
     centres, halves = np.concatenate([inner, anywhere]), np.concatenate([halves, tiny])

@@ -44,6 +44,8 @@ _TRIALS, _LEARNT = 512, 1.0
 _GROUP = 256
 #: Share of the gap that may be outside all boxes before it is looked at.
 _COVER = 0.2
+#: While it falls so fast boxes wait.
+_FALLING = 0.9
 #: Backward error of a determinant up to order 6: n^3 EPS times a growth of at most 2^(n - 1).
 _BACKWARD = 1e-11
 #: Settings of a workspace that nothing is proven for, and their values that change nothing.
@@ -276,12 +278,14 @@ def _enclose(
         if boxes.open_measure > _COVER * (high - low):
             found = enclosure.more(_ROUND)
             if found is not None:
+                fell = enclosure.open_measure < _FALLING * boxes.open_measure
                 boxes.open_measure = enclosure.open_measure
                 boxes.examined += len(found[0])
                 boxes.add([(*found, *enclosure.measures(*found))])
-                if budget is None or time.monotonic() - began <= budget:
+                if budget is not None and time.monotonic() - began > budget:
+                    return boxes, "time budget"
+                if fell:
                     continue
-                return boxes, "time budget"
         # No more than what closes the gap if every bisection halved its part.
         wanted = min(_ROUND, 2 * (1 - gap / reached) + 0.05)
         taken = boxes.take(_largest((boxes.high - boxes.low) * boxes.volumes(), wanted))

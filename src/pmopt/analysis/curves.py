@@ -23,7 +23,7 @@ from pmopt.numerics.affine import EPS, UP
 from pmopt.numerics.expressions import Graph, TracedCurve, trace_curve
 
 #: Cells along v; columns along each other coordinate at first.
-_ALONG, _ACROSS = 128, 16
+_ALONG, _ACROSS = 256, 16
 #: How often columns are bisected where boxes for all poses are asked for, and their least size.
 _DEPTH, _LEAST_HALF = 8, 0.5**40
 #: Columns that are split at once, and how many there are before no more are split.
@@ -160,7 +160,13 @@ class CurveEnclosure(Enclosure):
         needed[:, half:] = np.logical_or.accumulate(within[:, half:][:, ::-1], axis=1)[:, ::-1]
         signs = signs.copy()
         asked = np.zeros_like(needed)
+        start = self._start_signs(boxes)
         while True:
+            for cell, outwards in ((half, 1), (half - 1, -1)):
+                bends = signs[:, cell, 1] * outwards
+                # Where there is no piece at all it has ended in the first cell.
+                signs[start < 0, cell, 0] = -1
+                signs[(start > 0) & (bends > 0), cell, 0] = 1
             rising, bending = signs.astype(np.int64).transpose(2, 1, 0)
             inner = _walk(rising[:half][::-1], -bending[:half][::-1])[::-1]
             kinds = np.concatenate([inner, _walk(rising[half:], bending[half:])]).T
@@ -185,6 +191,14 @@ class CurveEnclosure(Enclosure):
         return columns._replace(
             opening=opening, first=first, within=within, signs=signs, kinds=kinds.astype(np.int8)
         )
+
+    def _start_signs(self, boxes: Boxes) -> NDArray[np.int64]:
+        """Return the signs of the slope at v = 0 of columns, 0 for untold."""
+        first = slice(_ALONG // 2, None, _ALONG)
+        centres, halves = boxes[0][first].copy(), boxes[1][first].copy()
+        centres[:, self._axis], halves[:, self._axis] = 0.5, 0.0
+        least, most = extremes(self.evaluate(self._rates, self.inputs(centres, halves))[:1])
+        return np.asarray(np.where(least[0] > 0, 1, np.where(most[0] < 0, -1, 0)))
 
     def _opening(
         self, boxes: Boxes, open_cells: NDArray[np.bool_]

@@ -19,9 +19,6 @@ from pmopt.numerics import affine
 from pmopt.numerics.affine import EPS
 from pmopt.numerics.expressions import (
     CONSTANT,
-    COSINE,
-    INPUT,
-    SQUARE,
     SUB,
     Expression,
     Graph,
@@ -137,6 +134,7 @@ class Enclosure:
             for k, slack in enumerate(slacks)
             if k not in idle and not _unbounded(graph, slack, constants)
         ]
+        self._graph = graph
         self._slacks = graph.tape(self._kept)
         self._entries = graph.tape(entries)
         self._code = affine.load(notify)
@@ -144,22 +142,32 @@ class Enclosure:
     def first(self) -> tuple[Array, Array, float]:
         """Return the boxes to begin with, (N, d) centres and halves, and a factor of volumes.
 
-        Poses outside them are proven out of reach, or the mirror images of poses within: those
-        coordinates that enter the slacks by their squares and cosines alone are taken from 0 on.
+        Poses outside them are proven out of reach, or the mirror images of poses within:
+        coordinates whose sign changes no slack are taken from 0 on.
         """
         dimension = len(self.lower)
         centres, halves, factor = np.full((1, dimension), 0.5), np.full((1, dimension), 0.5), 1.0
-        steps = self._slacks.steps
         for k in range(dimension):
-            places = np.flatnonzero((steps[:, 0] == INPUT) & (steps[:, 1] == k))
-            used = np.isin(steps[:, 1], places) | np.isin(steps[:, 2], places)
-            used &= ~np.isin(steps[:, 0], (INPUT, CONSTANT))
-            even = bool(np.isin(steps[used, 0], (SQUARE, COSINE)).all())
-            even = even and not np.isin(self._slacks.results, places).any()
+            even = self._graph.even(self._kept, self._graph.input(k))
             if even and self.width[k] == -2 * self.lower[k]:
                 centres[0, k], halves[0, k] = 0.75, 0.25
                 factor *= 2.0
         return centres, halves, factor
+
+    def more(self, share: float) -> Boxes | None:
+        """Return boxes to add that hold some of what ``open_measure`` told, which falls.
+
+        Parameters
+        ----------
+        share : float
+            Of the open measure, that is looked at.
+
+        Returns
+        -------
+        tuple or None
+            None if it can not fall any more.
+        """
+        return None
 
     def whole(self) -> Boxes:
         """Return boxes that hold all poses that are not proven out of reach."""

@@ -209,6 +209,29 @@ class Graph:
         steps = self.tape([a]).steps
         return set(steps[steps[:, 0] == INPUT, 1].tolist())
 
+    def even(self, found: Sequence[Expression], by: Expression) -> bool:
+        """Return whether expressions are the same for an input and its negative, by their form."""
+        parity: dict[int, int] = {}
+        for i in range(max((a.index for a in found), default=-1) + 1):
+            node = self.nodes[i]
+            inner = node.operation > LITERAL
+            x = parity[node.first] if inner else 1
+            y = parity[node.second] if inner and node.second >= 0 else x
+            if not inner:
+                sign = -1 if node is by else 1
+            elif node.operation in (ADD, SUB):
+                sign = x if x == y else 0
+            elif node.operation == MUL:
+                sign = x * y
+            elif node.operation in (SQUARE, COSINE):
+                sign = abs(x)
+            elif node.operation in (SCALE, INVERSE, SINE):
+                sign = x
+            else:  # SQRT, POSITIVE
+                sign = max(x, 0)
+            parity[i] = sign
+        return all(parity[a.index] == 1 for a in found)
+
     def derivative(self, a: Expression, by: Expression) -> Expression:
         """Return the partial derivative of an expression without minima by an input."""
         rates: dict[int, Expression] = {}

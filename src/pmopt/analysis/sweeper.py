@@ -30,6 +30,8 @@ Notify = Callable[[str], None]
 #: Where the tool point is in the base frame; limits can be set on it where there is a tool.
 TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
 #: The characteristic length that is best is sought on this many points, within this factor.
+#: Numbers in a line of the cache.
+_LINE = 8
 _STRIPS = 4096
 _FEW = 4096
 _LENGTH_POINTS = 1 << 13
@@ -466,8 +468,14 @@ class Sweeper:
         return np.asarray(self.probe(design, poses[:, kept]).segments.reshape(-1, 3)[:, floor])
 
     def _scratch(self) -> NDArray[np.float64]:
-        """Return block buffers for one call of an entry."""
-        return np.empty((self._recipe.scratch_rows, sweep.PITCH))
+        """Return block buffers for one call of an entry, at the beginning of a line of the cache.
+
+        Vectors that straddle two lines take a third more time.
+        """
+        rows = self._recipe.scratch_rows
+        room = np.empty(rows * sweep.PITCH + _LINE)
+        first = -(room.ctypes.data // room.itemsize) % _LINE
+        return room[first : first + rows * sweep.PITCH].reshape(rows, sweep.PITCH)
 
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:

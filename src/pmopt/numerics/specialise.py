@@ -111,7 +111,7 @@ class Recipe(NamedTuple):
     @property
     def scratch_rows(self) -> int:
         """Rows of PITCH numbers that a sweep needs for itself."""
-        return self.pose_size + 3 + self.order**2
+        return 2 * self.pose_size + 3 + self.order**2
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -247,8 +247,16 @@ def module_text(recipe: Recipe) -> str:
         each_point = textwrap.indent(f"{evaluated}{closed}", "    ")
         define("index_block", f"{block}, work, lci", whole + each_point + _DOUBTFUL + again)
     else:
+        # Larger matrices: poses are moved next to them, or 4-UPS-RPS takes a fifth more time in
+        # every other run.
+        size, axes = order**2, range(recipe.pose_size)
+        moved = "".join(f"        work[{size + d}, i] = pose[{d}, i]\n" for d in axes)
+        moved = f"{moved}    for i in range(filled):\n" if order > 4 else ""
+        at = ", ".join(f"work[{size + d}, i]" for d in axes) if order > 4 else pose
+        near = f"    result = {kernel.__name__}({at}, {own})\n"
         define("index_block", f"{block}, work, lci",
-               whole + textwrap.indent(f"{evaluated}{kept}", "    ")
+               f"{whole}{moved}"
+               + textwrap.indent(f"{near}{kept}", "    ")
                + f"    {conditioning.__name__}(work, filled, lci)\n")  # fmt: skip
     define("place_on_line", "pose, i, low, width, constants",
            _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 
 BLOCK = 512
 #: Distance of the rows of a block: rows 4096 bytes apart would share their places in the cache.
-PITCH = BLOCK + 8
+PITCH = BLOCK + 72
 
 #: Bits of infinity.
 INFINITE = 0x7FF0000000000000

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.errors import InputError
 from pmopt.numerics.cells import label, lattice_points
+from pmopt.threads import ordered_map
 
 #: Cells per axis by number of pose coordinates, and the most corners of cells in all.
 DEFAULT_GRIDS = {1: 4096, 2: 512, 3: 96, 4: 28, 5: 14, 6: 9}
@@ -130,7 +131,7 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
         # that some reachable corner shows: out of reach the index may be anything.
         shown = _any_corner(reached & above & below)
         sets.append(_pieces_with(inside & _any_corner(above) & _any_corner(below), shown))
-    return [topology_of(members, design.cut) for members in sets]
+    return list(ordered_map(lambda one: topology_of(one, design.cut), sets, sweeper.threads))
 
 
 def _any_corner(values: NDArray[np.bool_]) -> NDArray[np.bool_]:

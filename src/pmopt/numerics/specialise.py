@@ -30,13 +30,11 @@ CHECK_CONSTANTS = 12
 PLACE = 12
 
 # Contraction only: it fuses multiply and add, and assumes nothing about NaN or infinity.
-# Inlining in numba's own code gives 5 to 8 % faster loops than LLVM's; for all but small kernels
-# it takes minutes to compile (3-UPS/SP: 57 s against 8 s).
+# Functions are inlined by LLVM: by numba it takes twice as long and more, and gains nothing.
 _OPTIONS = (
     'fastmath={"contract"}, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True'
 )
-_INLINE = f'@njit(inline="always", {_OPTIONS})'
-_FORCE = f"@njit(forceinline=True, {_OPTIONS})"
+_INLINE = f"@njit(forceinline=True, {_OPTIONS})"
 _SMALL = 5000
 _LANES = 8
 _PLAIN = f"@njit({_OPTIONS})"
@@ -156,7 +154,7 @@ def _collect(
             raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
     source = _source(function)
     # Entries are compiled into the one function that calls them, where rows lie at known places.
-    text = f"{_FORCE if function.__name__ in ENTRIES else _INLINE}\n{source}"
+    text = f"{_INLINE}\n{source}"
     if blocks.setdefault(function.__name__, text) != text:
         raise TypeError(f"two kernel functions are named {function.__name__}")
 
@@ -268,8 +266,6 @@ def module_text(recipe: Recipe) -> str:
     for entry in ENTRIES:
         _collect(getattr(sweep, entry), blocks)
     text = "\n\n".join(blocks.values())
-    if own_length > _SMALL or recipe.checks:
-        text = text.replace(_INLINE, _FORCE)
     return f"import math\n\nimport numpy as np\nfrom numba import njit\n\n\n{text}"
 
 

@@ -39,6 +39,7 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.numerics.newton import real_roots
 from pmopt.numerics.rotation import main_range, rotation_matrices
+from pmopt.numerics.strokes import part_within_stroke
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
 TINY = 1e-300
@@ -129,27 +130,10 @@ def rps_kernel(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untyped-
     )
 
 
-def rps_within(start, end, centre, across2, low, high):  # type: ignore[no-untyped-def]
-    """Cut a part of a line to where a limb's length^2 = (t - centre)^2 + across2 is in its limits.
-
-    Of the two parts that the lower limit leaves one is dropped where the line does not reach it;
-    where it reaches both, the gap between them is left to the margin.
-    """
-    outer = high * high - across2
-    inner = low * low - across2
-    far = math.sqrt(outer if outer > 0.0 else 0.0)
-    near = math.sqrt(inner if inner > 0.0 else 0.0)
-    start = centre - far if centre - far > start else start
-    end = centre + far if centre + far < end else end
-    start = centre + near if centre - near <= start < centre + near else start
-    end = centre - near if centre - near < end <= centre + near else end
-    return start, (end if outer > 0.0 else start)
-
-
 def rps_stroke(start, end, limb, low, high):  # type: ignore[no-untyped-def]
     """Cut a part of a line along x to a limb's stroke; ``limb`` at x = 0."""
     _, _, _, lx, ly, lz, _ = limb
-    return rps_within(start, end, -lx, ly * ly + lz * lz, low, high)
+    return part_within_stroke(start, end, -lx, ly * ly + lz * lz, low, high)
 
 
 def rps_line(x, y, alpha, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]

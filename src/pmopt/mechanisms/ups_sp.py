@@ -41,6 +41,7 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.numerics.newton import real_roots
 from pmopt.numerics.rotation import main_range, rotation_matrices
+from pmopt.numerics.strokes import part_within_stroke
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
 TINY = 1e-300
@@ -125,29 +126,12 @@ def sp_kernel(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def sp_within(start, end, centre, across2, low, high):  # type: ignore[no-untyped-def]
-    """Cut a part of a line to where a limb's length^2 = (t - centre)^2 + across2 is in its limits.
-
-    Of the two parts that the lower limit leaves one is dropped where the line does not reach it;
-    where it reaches both, the gap between them is left to the margin.
-    """
-    outer = high * high - across2
-    inner = low * low - across2
-    far = math.sqrt(outer if outer > 0.0 else 0.0)
-    near = math.sqrt(inner if inner > 0.0 else 0.0)
-    start = centre - far if centre - far > start else start
-    end = centre + far if centre + far < end else end
-    start = centre + near if centre - near <= start < centre + near else start
-    end = centre - near if centre - near < end <= centre + near else end
-    return start, (end if outer > 0.0 else start)
-
-
 def sp_stroke(start, end, r, limb, low, high):  # type: ignore[no-untyped-def]
     """Cut a part of a line along l4 to a limb's stroke; ``limb`` at l4 = 0."""
     _, _, _, nx, ny, nz = limb
     along = nx * r[2] + ny * r[5] + nz * r[8]
     across2 = nx * nx + ny * ny + nz * nz - along * along
-    return sp_within(start, end, -along, across2, low, high)
+    return part_within_stroke(start, end, -along, across2, low, high)
 
 
 def sp_line(phi, theta, psi, l4, low, high, constants):  # type: ignore[no-untyped-def]

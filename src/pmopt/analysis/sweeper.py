@@ -197,11 +197,14 @@ class Sweeper:
             self._checks,
             switches=tuple(mechanism.switches(self.limits).items()),
         )
-        on_compile = (
-            None
-            if notify is None
-            else lambda: notify(f"compiling the kernels of {mechanism.name}, once: some seconds")
-        )
+        said = notify is None
+
+        def on_compile() -> None:
+            nonlocal said
+            if not said and notify is not None:
+                said = True  # plain kernels and those on lines are one line
+                notify(f"compiling the kernels of {mechanism.name}, once: some seconds")
+
         self._kernels = specialise(self._recipe, on_compile)
         self._sweep = self._kernels
         if settings.sampler == "lines":

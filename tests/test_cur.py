@@ -141,7 +141,7 @@ def slopes(function, pose):
     """Return derivatives by each pose coordinate, of fourth order."""
     columns = []
     for name in pose:
-        step, total = 2e-4, 0.0
+        step, total = 2e-5, 0.0
         for shift, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1)):
             moved_pose = {**pose, name: pose[name] + shift * step}
             total = total + weight * np.array(function(moved_pose)) / (12 * step)

@@ -131,7 +131,7 @@ def measure_projection(
         for part in parts
     ]
     joined = np.concatenate(places)
-    if len(joined) < 8:
+    if len(joined) < 8 or not all(map(len, places)):
         return Projection(nothing, nothing, Topology(0, (), 0, 0, 0, True), 0)
     lower, upper = joined.min(axis=0), joined.max(axis=0)
     sides = np.maximum(upper - lower, 1e-9 * (upper - lower).max())

@@ -35,7 +35,9 @@ _OPTIONS = (
     'fastmath={"contract"}, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True'
 )
 _INLINE = f"@njit(forceinline=True, {_OPTIONS})"
+#: Length of kernel and skeleton, in characters, beyond which a kernel of order 3 is heavy.
 _SMALL = 5000
+#: Numbers in the longest vector.
 _LANES = 8
 _PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (

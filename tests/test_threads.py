@@ -1,0 +1,53 @@
+"""Work shared over threads."""
+
+import itertools
+import threading
+import time
+
+import pytest
+
+from pmopt.threads import ordered_map
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("count", [0, 1, 2, 300])
+def test_results_come_in_the_order_of_the_items(threads, count):
+    def uneven(item):
+        time.sleep(0.002 * (item % 7 == 0))
+        return item**2
+
+    assert list(ordered_map(uneven, range(count), threads)) == [k**2 for k in range(count)]
+
+
+def test_all_threads_take_part():
+    meeting = threading.Barrier(3, timeout=20)
+    assert sum(1 for _ in ordered_map(lambda _: meeting.wait(), range(9), 3)) == 9
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_an_error_comes_after_the_results_before_it(threads):
+    def fails(item):
+        if item >= 40:
+            raise ValueError(item)
+        return item
+
+    got = []
+    with pytest.raises(ValueError, match="40"):
+        got.extend(ordered_map(fails, range(100), threads))
+    assert got == list(range(40))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_endless_source_is_read_a_little_ahead_and_left_at_once(threads):
+    read = itertools.count()
+
+    def source():
+        while True:
+            yield next(read)
+
+    before = threading.active_count()
+    results = ordered_map(lambda item: item, source(), threads)
+    assert list(itertools.islice(results, 1000)) == list(range(1000))
+    results.close()
+    assert next(read) <= 1000 + 16 * threads + 2
+    assert threading.active_count() == before

@@ -269,8 +269,8 @@ def test_numbers_of_2uu_upu_at_state_s():
     def coordinates(state):
         return np.array([state.joints[0, 1], *state.passive[0, 3:]])
 
-    def state(pose, rate=np.zeros(3), change=np.zeros(3)):
-        return moving.state(pose[None], rate[None], change[None])
+    def state(pose, rate=(0, 0, 0), change=(0, 0, 0)):
+        return moving.state(pose[None], np.array([rate]), np.array([change]))
 
     def slopes(pose):
         """dq/dX column by column, from the rates by unit pose rates."""

@@ -178,7 +178,7 @@ def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
 def posture(x, y, z, constants):  # type: ignore[no-untyped-def]
     """Return platform, joints' positions and joints; see :meth:`PauuPpap.layout`."""
     s = skeleton(x, y, z, constants)
-    height, l1, long = constants[1], constants[2], constants[21]
+    height, long = constants[1], constants[21]
     m1x, c1x, c1z, d1x = s[12], s[15], s[17], s[21]
     m2x, c2x, c2z, d2x = s[24], s[27], s[29], s[33]
     a1x, a1y, a1z = crossed(0.0, 1.0, 0.0, d1x - c1x, y, z - c1z)
@@ -314,7 +314,7 @@ class PauuPpap(Mechanism):
 
     def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
         """Return steel tubes as bars and links, blocks that join them, and a flat platform."""
-        m, n, l1, l2, c = _lengths(parameters)
+        _, n, l1, l2, _ = _lengths(parameters)
         joint = plate((0.05, 0.05, 0.05), 1.0)
         result = []
         for i, limb in enumerate(self.limbs[:2]):

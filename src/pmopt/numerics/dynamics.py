@@ -40,6 +40,11 @@ COLUMN = 6
 RANK = 1e-11
 
 
+def posture_to(poses, t, constants, out):
+    """Write what the mechanism's posture returns: its call is put in when a module is made."""
+    raise NotImplementedError
+
+
 def moved(twist, column, out):
     """Write the derivative of a column that is carried by a body with a twist."""
     w0, w1, w2, v0, v1, v2 = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
@@ -53,9 +58,9 @@ def moved(twist, column, out):
 
 
 def decompose(a, m, k, qt, r):
-    """Write Q^T (m, m) and R (k, k) of a (m, k), which is overwritten; return whether k is its rank.
+    """Write Q^T (m, m) and R (k, k) of a (m, k), which is overwritten, by Householder reflections.
 
-    Householder reflections.
+    Returns whether the columns are independent.
     """
     for i in range(m):
         for j in range(m):
@@ -155,12 +160,12 @@ def link_frame(stance, joints, j, unit, before, frame):
         return
     own = joints[j, 2]
     following = joints[after, 2]
-    origin = own if kind == REVOLUTE or kind == UNIVERSAL or kind == SPHERICAL else following
+    origin = own if kind in (REVOLUTE, UNIVERSAL, SPHERICAL) else following
     for k in range(3):
         frame[k] = stance[origin + k] * unit
         if kind == PARALLELOGRAM:
             frame[k] = (stance[own + k] + stance[own + 6 + k]) * unit
-    if kind == PRISMATIC or kind == PARALLELOGRAM:
+    if kind in (PRISMATIC, PARALLELOGRAM):
         return
     z = frame[3:6]
     x = frame[6:9]

@@ -11,8 +11,9 @@ platform, and is declared in that link's frame:
 - after S: origin at the joint, z along the P joint that follows, x the platform's x axis: what
   follows slides only;
 - after P and Pa: axes of the link before (the base's are x, y, z), origin at the next joint's
-  point or, after the last joint, the platform's centre;
-- the long bars of Pa: origin at the bar's own pivot, z along the bar, x along the joint's axis.
+  point and at the bar's end;
+- the long bars of Pa, both together as if on one line: origin at the joint's point, z along the
+  bars, x along the joint's axis.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from pmopt.mechanisms.base import PLATFORM, Matrix, Vector
 #: Density of the bodies that are ours, kg/m^3.
 STEEL = 7800.0
 
-Part = Literal["link", "bar", "second bar"]
+Part = Literal["link", "bars"]
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,8 @@ class Body:
         Centre of mass in the link's frame, in the mechanism's length unit.
     inertia : (3, 3) float64
         About the centre of mass, along the link's axes, kg m^2.
-    part : {"link", "bar", "second bar"}
-        Of a joint Pa: its moving short side or one of the long bars.
+    part : {"link", "bars"}
+        Of a joint Pa: its moving short side or both long bars.
     source : str
         Who chose the figures.
     """
@@ -71,6 +72,10 @@ class MassProperties:
     mass: float
     centre: Vector
     inertia: Matrix
+
+    def times(self, count: int) -> MassProperties:
+        """Return as many of them in the same place."""
+        return replace(self, mass=count * self.mass, inertia=count * self.inertia)
 
     def at(self, offset: tuple[float, float, float]) -> MassProperties:
         """Return the same moved by an offset, in the mechanism's length unit."""
@@ -112,9 +117,7 @@ def disc(
     return MassProperties(flat.mass, np.zeros(3), np.diag(moments))
 
 
-def plate(
-    size: tuple[float, float, float], unit: float, density: float = STEEL
-) -> MassProperties:
+def plate(size: tuple[float, float, float], unit: float, density: float = STEEL) -> MassProperties:
     """Return a box about the origin with these sides along x, y and z."""
     sides = np.array(size) * unit
     mass = density * float(sides.prod())
@@ -122,9 +125,7 @@ def plate(
     return MassProperties(mass, np.zeros(3), np.diag(mass * (square.sum() - square) / 12))
 
 
-def triangle(
-    side: float, thickness: float, unit: float, density: float = STEEL
-) -> MassProperties:
+def triangle(side: float, thickness: float, unit: float, density: float = STEEL) -> MassProperties:
     """Return an equilateral triangular plate about the origin, across z, a corner on the x axis."""
     s, h = side * unit, thickness * unit
     mass = density * math.sqrt(3) / 4 * s * s * h

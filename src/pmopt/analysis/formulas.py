@@ -26,6 +26,7 @@ _CONSTANTS = {"pi": math.pi}
 RESERVED = frozenset({TIME, *_CONSTANTS, *jets.FUNCTIONS})
 #: Beyond this size a value or derivative is no motion.
 _LARGEST = 1e12
+_SHOWN = 120
 
 _OPERATIONS: dict[type[ast.operator], Callable[[Jet, Jet], Jet]] = {
     ast.Add: jets.add,
@@ -71,13 +72,17 @@ class Formula:
         """
         with np.errstate(all="ignore"):
             jet = self._node(t)
-        for values, what in zip(jet, ("it", "its rate", "its acceleration"), strict=True):
-            bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
-            if len(bad):
-                raise InputError(
-                    f"{self.where}: {self.text!r}: at t={float(t[bad[0]])!r} s {what} is "
-                    f"{float(values[bad[0]]):g}: at most {_LARGEST:g} in size is allowed"
-                )
+        bad = ~(np.abs(np.array(jet)) <= _LARGEST)
+        if bad.any():
+            place = int(np.argmax(bad.any(axis=0)))
+            order = int(np.argmax(bad[:, place]))
+            value = float(jet[order][place])
+            told = "not defined" if math.isnan(value) else f"{value:g}"
+            raise InputError(
+                f"{self.where}: {_shown(self.text)}: at t={float(t[place])!r} s "
+                f"{('it', 'its rate', 'its acceleration')[order]} is {told}: at most {_LARGEST:g} "
+                "in size is allowed"
+            )
         return jet
 
 
@@ -116,7 +121,7 @@ def parse(text: str, constants: Mapping[str, float], where: str) -> Formula:
         raise InputError(
             f"{where}: {len(text)} characters are too long: at most {MAX_LENGTH} are allowed"
         )
-    place = f"{where}: {text!r}"
+    place = f"{where}: {_shown(text)}"
     strange = re.search(r"[^ -~\t]", text)
     if strange:
         raise InputError(
@@ -133,7 +138,7 @@ def parse(text: str, constants: Mapping[str, float], where: str) -> Formula:
     for position, character in enumerate(text, start=1):
         nesting += (character in "([{") - (character in ")]}")
         if nesting > MAX_DEPTH:
-            raise InputError(f"{place[:200]}, position {position}: nested deeper than {MAX_DEPTH}")
+            raise InputError(f"{place}, position {position}: nested deeper than {MAX_DEPTH}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Python's remarks on style; what is wrong is refused
@@ -142,9 +147,14 @@ def parse(text: str, constants: Mapping[str, float], where: str) -> Formula:
         position = lead + min(max(error.offset or 1, 1), len(source) + 1)
         raise InputError(f"{place}, position {position}: {error.msg}") from None
     except (ValueError, RecursionError, MemoryError) as error:
-        raise InputError(f"{place[:200]} is no formula: {error}") from None
+        raise InputError(f"{place} is no formula: {error}") from None
     builder = _Builder(source, place, lead, _CONSTANTS | dict(constants))
     return Formula(text, where, builder.build(tree.body, 0))
+
+
+def _shown(text: str) -> str:
+    """Return a text as errors show it."""
+    return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..")
 
 
 class _Builder:

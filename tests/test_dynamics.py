@@ -29,7 +29,7 @@ def mover(name, loaded=True, mode=None):
     return Mover(mechanism, parameters, mode or mechanism.working_modes[0], bodies)
 
 
-def course(name, t, seed=0):
+def course(name, t, seed=0, swing=SWING):
     """Return a smooth motion about home: poses, rates and accelerations at the times."""
     mechanism = find(name)
     parameters = mechanism.resolve({})
@@ -38,7 +38,7 @@ def course(name, t, seed=0):
     rng = np.random.default_rng([seed, len(name)])
     n = len(home)
     scale = np.array([size if c.kind == "length" else 1.0 for c in mechanism.pose])
-    swing = SWING * scale * rng.uniform(0.3, 1.0, n)
+    swing = swing * scale * rng.uniform(0.3, 1.0, n)
     speed, phase = rng.uniform(1.0, 3.0, n), rng.uniform(-3.0, 3.0, n)
     angle = np.multiply.outer(t, speed) + phase
     return (

@@ -92,7 +92,7 @@ class GateSettings(BaseModel):
     place: dict[str, FiniteFloat]
     up: str
     height: FiniteFloat
-    radius: NotNegative = 0.0
+    radius: Positive
     cycle: Positive
     cycles: int = Field(default=1, ge=1, le=10_000)
 
@@ -353,8 +353,18 @@ class MotionTask:
         return self.mechanism.joints if joint else self.mechanism.pose
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the configuration as JSON has it, what is unset left out."""
-        return self.config.model_dump(mode="json", exclude_none=True)
+        """Return the configuration as JSON has it, enough to do it again.
+
+        What is unset and keys of other sources of trajectories are left out.
+        """
+        document = self.config.model_dump(mode="json", exclude_none=True)
+        settings = self.config.trajectory
+        strange = frozenset().union(*_SOURCES.values()) - _SOURCES[settings.source]
+        strange |= {"spline", "ends"} if settings.fit is not None else set()
+        document["trajectory"] = {
+            k: v for k, v in document["trajectory"].items() if k not in strange
+        }
+        return document
 
 
 def load_motion(path: Path) -> MotionTask:

@@ -108,14 +108,15 @@ def capability_tables(result: Capability) -> list[Table]:
                      *(cell(value) for pair in pairs for value in pair)))  # fmt: skip
         shown = [text for pair in pairs for text in with_error(*pair)]
         display.append((demand.name, demand.unit, demand.limit, *shown))
-    units = {"volume": result.units["volume"], "volume_error": result.units["volume"]}
+    unit = result.units["volume"]
+    units = {"volume": unit, "volume_error": unit}
     task = _task_text(result)
     percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
         f"task: {task}, in any direction",
-        f"reachable volume {format_estimate(result.volume)} {result.units['volume']}; all limits are "
-        f"kept in {format_estimate(result.capable)} {result.units['volume']}, {percent} % of it",
+        f"reachable volume {format_estimate(result.volume)} {unit}; all limits are kept in "
+        f"{format_estimate(result.capable)} {unit}, {percent} % of it",
     ]
     return [
         Table(

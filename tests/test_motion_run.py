@@ -132,12 +132,18 @@ def test_shipped_motion(run):
     assert set(manifest["outputs"]) == set(files_in(folder)) - {"manifest.json"}
 
 
-def test_the_folder_draws_its_pictures_again(run, tmp_path):
-    _, folder, _ = run
-    drawn = json_answer("plot", folder, "--out", "again", cwd=tmp_path)["written"]
+def test_the_folder_draws_its_pictures_again(tmp_path):
+    """From the manifest and the recording in the folder alone."""
+    shutil.copy(MOTIONS / "3-ups-sp-strokes.toml", tmp_path)
+    shutil.copy(MOTIONS / "3-ups-sp-strokes.csv", tmp_path)
+    args = ("motion", "3-ups-sp-strokes.toml", "--out", "run", "--quiet")
+    assert here(*args, cwd=tmp_path).returncode == 0
+    (tmp_path / "3-ups-sp-strokes.csv").unlink()
+    drawn = json_answer("plot", "run", "--out", "again", cwd=tmp_path)["written"]
+    assert len(drawn) == 7
     for path in drawn:
         again = (tmp_path / path).read_bytes()
-        assert again == (folder / path.removeprefix("again/")).read_bytes()
+        assert again == (tmp_path / "run" / path.removeprefix("again/")).read_bytes()
 
 
 def test_published_efforts_of_t1(tmp_path):
@@ -411,7 +417,8 @@ def made(values, rates):
     empty = Course((), *np.empty((3, len(t), 0)))
     return mechanism, Motion(
         mechanism.name, mechanism.resolve({}), "out-out", t, Course(mechanism.pose, *whole), empty,
-        Course(mechanism.joints, *whole), empty, None, None, None, None, {}, (),
+        Course(mechanism.joints, *whole), empty, None, None, None, None, {},
+        np.zeros((len(t), 2, 3)), (),
     )  # fmt: skip
 
 

@@ -3,8 +3,10 @@
 import io
 import json
 import math
+import re
 import shutil
 import subprocess
+import tomllib
 
 import numpy as np
 import pytest
@@ -26,7 +28,9 @@ from PIL import Image
 
 import pmopt as package
 from pmopt.analysis.motion import Course, Motion
+from pmopt.analysis.motion_config import resolve_motion
 from pmopt.analysis.motion_summary import broken_limits, columns, demands, rms
+from pmopt.analysis.trajectories import plan_trajectory
 from pmopt.mechanisms import find
 from pmopt.reporting import animation
 
@@ -364,6 +368,28 @@ def test_mp4_without_ffmpeg_is_one_line(short):
     assert "needs ffmpeg, which is not installed" in error_line(result)
 
 
+def test_tables_of_the_page_resolve(tmp_path):
+    """What docs/motion.md shows is read, table by table."""
+    text = (CONFIGS.parent / "docs/motion.md").read_text()
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    fits = re.findall(r"fit = \{.*?\}", text)
+    assert len(blocks) == 8 and len(fits) == 2
+    first, constants, waypoints, gate, file, _, masses, limits = blocks
+    still = "[trajectory]\nx = 0.0\ny = 0.0\nz = 1.5\nduration = 1.0\n"
+    whole = first.replace('space = "task"', "", 1)
+    plain = 'mechanism = "2pauu-ppap"\n'
+    limits = limits.replace("l1 =", "theta1 =")
+    tables = [
+        first, whole + constants, plain + waypoints, plain + gate, plain + file,
+        *(plain + '[trajectory]\nfile = "p.csv"\n' + fit for fit in fits),
+        plain + still + masses, plain + still + limits,
+    ]  # fmt: skip
+    for table in tables:
+        task = resolve_motion(tomllib.loads(table), "page", tmp_path)
+        if task.config.trajectory.source != "file":
+            plan_trajectory(task)
+
+
 # --- pictures and sums ----------------------------------------------------------------------
 
 
@@ -391,6 +417,20 @@ def test_a_gif_in_real_time(short):
 def test_an_mp4(short):
     assert here("motion", "m.toml", "--animate", "a.mp4", "--quiet", cwd=short).returncode == 0
     assert (short / "a.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_what_ffmpeg_says_is_one_line(short):
+    tool = short / "bin/ffmpeg"
+    tool.parent.mkdir()
+    tool.write_text("#!/bin/sh\necho first >&2\necho no encoder >&2\nexit 1\n")
+    tool.chmod(0o755)
+    result = subprocess.run(
+        [*COMMAND, "motion", "m.toml", "--animate", "a.mp4", "--fps", "2"], cwd=short,
+        timeout=TIMEOUT, env=environment(PATH=f"{tool.parent}:/usr/bin:/bin"),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert "ffmpeg: no encoder" in error_line(result, 1)
+    assert not (short / "a.mp4").exists()
 
 
 @pytest.mark.parametrize("fps", [7.0, 20.0, 30.0, 50.0])

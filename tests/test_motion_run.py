@@ -477,7 +477,7 @@ def made(values, rates):
     return mechanism, Motion(
         mechanism.name, mechanism.resolve({}), "out-out", t, Course(mechanism.pose, *whole), empty,
         Course(mechanism.joints, *whole), empty, None, None, None, None, {},
-        np.zeros((len(t), 2, 3)), (),
+        np.zeros((len(t), 2, 3)), (), (),
     )  # fmt: skip
 
 

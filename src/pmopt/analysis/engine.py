@@ -105,14 +105,16 @@ class Engine:
     # -- inverse dynamics --------------------------------------------------------------
 
     def inverse(
-        self, joints: Values, rates: Values, accelerations: Values
+        self, t: Vector, joints: Values, rates: Values, accelerations: Values
     ) -> tuple[Values, Values, Vector]:
         """Return what drives a motion, and where it leads.
 
         Parameters
         ----------
+        t : (N,)
+            s, ascending, from the model's own pose on.
         joints, rates, accelerations : (N, n)
-            Of the actuated joints, m and rad, from near the model's own pose on.
+            Of the actuated joints, m and rad.
 
         Returns
         -------
@@ -131,11 +133,18 @@ class Engine:
         count, n = joints.shape
         efforts, gaps = np.empty((count, n)), np.empty(count)
         centres = np.empty((count, len(self._bodies), 3))
+        data = self._free
         q = np.array(self.model.qpos0)
         for k in range(count):
-            q, gaps[k] = self.close(q, joints[k])
+            if k:
+                h = float(t[k] - t[k - 1])
+                self._mj.mj_integratePos(self.model, q, data.qvel + 0.5 * h * data.qacc, h)
+            try:
+                q, gaps[k] = self.close(q, joints[k])
+            except PmoptError as error:
+                raise PmoptError(f"t = {t[k]:.9g} s: {error}") from None
             efforts[k] = self._efforts(q, rates[k], accelerations[k])
-            centres[k] = self._free.xipos[self._bodies]
+            centres[k] = data.xipos[self._bodies]
         return efforts, centres, gaps
 
     def close(self, q: Vector, joints: Vector) -> tuple[Vector, float]:

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pmopt.analysis.dynamics import Mover
+from pmopt.analysis.dynamics import Mover, angular_motion
 from pmopt.mechanisms import find, names
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.mechanisms.bodies import plate
@@ -336,6 +336,9 @@ def test_numbers_of_3_cur():
     np.testing.assert_allclose(found.platform[0, 1, :3], expected, rtol=0, atol=6e-11)
     expected = [-0.3994986577, -0.0611743426, -0.1138695480]
     np.testing.assert_allclose(found.platform[0, 2, :3], expected, rtol=0, atol=6e-11)
+    expected = [[0.2498842818, 0.1956238505, -0.0059187832],
+                [0.2092769442, -1.7265722571, 0.0034709293]]  # fmt: skip
+    np.testing.assert_allclose(angular_motion(found.platform)[0], expected, rtol=0, atol=6e-10)
 
 
 @pytest.mark.parametrize("name", MOVED)

@@ -79,6 +79,30 @@ class State:
     valid: NDArray[np.bool_]
 
 
+def angular_motion(platform: Values) -> Values:
+    """Return angular velocity and acceleration, (N, 2, 3), in the base frame.
+
+    Parameters
+    ----------
+    platform : (N, 3, 6) float64
+        See :class:`State`: yaw, pitch, roll of Rz Ry Rx are the last three, with their rates.
+    """
+    (a, b, _), (da, db, dc), (dda, ddb, ddc) = (platform[:, k, 3:].T for k in range(3))
+    sin_a, cos_a, sin_b, cos_b = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    about_z = np.stack([zero, zero, one], axis=1)
+    about_y = np.stack([-sin_a, cos_a, zero], axis=1)
+    about_x = np.stack([cos_a * cos_b, sin_a * cos_b, -sin_b], axis=1)
+
+    def weighed(*rates: Vector) -> Values:
+        axes = (about_z, about_y, about_x)
+        return sum(r[:, None] * axis for r, axis in zip(rates, axes, strict=True))
+
+    bias = (da * db)[:, None] * np.cross(about_z, about_y)
+    bias += dc[:, None] * np.cross(weighed(da, db, zero), about_x)
+    return np.stack([weighed(da, db, dc), weighed(dda, ddb, ddc) + bias], axis=1)
+
+
 class Mover:
     """Moves one design of a mechanism: kinematics to second order and inverse dynamics.
 

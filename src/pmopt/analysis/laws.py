@@ -241,7 +241,7 @@ def gate(start: Vector, end: Vector, top: Vector, lengths: Sequence[int], radius
     lengths : sequence of int
         Numbers of the coordinates that are lengths; the others follow.
     radius : float
-        In the length unit, at most the first and last line and half of the line between.
+        In the length unit, > 0, at most the first and last line and half of the line between.
     """
     vertices = np.array([start, *top, end])
     steps = np.diff(vertices, axis=0)
@@ -255,7 +255,7 @@ def gate(start: Vector, end: Vector, top: Vector, lengths: Sequence[int], radius
             pieces.append(_polynomial([(1.0, position), (1.0, way)]))
             position = position + trimmed * way
             knots.append(knots[-1] + float(trimmed))
-        if k < 2 and radius > 0:
+        if k < 2:
             # The direction turns from one line's to the next one's by 3 v^2 - 2 v^3.
             span, turn = 2 * radius, ways[k + 1] - way
             terms = [(1.0, position), (1.0, way), (0.0, turn)]

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.dynamics import Mover, State
+from pmopt.analysis.dynamics import Mover, State, angular_motion
 from pmopt.analysis.kinematics import forward_kinematics, of_limb
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
@@ -113,6 +113,8 @@ class Motion:
         Energy, J.
     centres : dict of str to (N, 3, 3) float64
         Of each body: position, velocity and acceleration of its centre of mass, in the length unit.
+    angular : (N, 2, 3) float64
+        The platform's angular velocity and acceleration in the base frame, rad/s and rad/s^2.
     infeasible : tuple of Span
     """
 
@@ -129,6 +131,7 @@ class Motion:
     kinetic: Vector | None
     potential: Vector | None
     centres: dict[str, Values]
+    angular: Values
     infeasible: tuple[Span, ...]
 
 
@@ -259,6 +262,7 @@ def _assemble(
         centres={
             body.name: masked(state.centres[:, k] / unit) for k, body in enumerate(bodies)
         },
+        angular=masked(angular_motion(state.platform)),
         infeasible=spans,
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,7 +93,7 @@ class GateSettings(BaseModel):
     place: dict[str, FiniteFloat]
     up: str
     height: FiniteFloat
-    radius: NotNegative = 0.0
+    radius: Positive
     cycle: Positive
     cycles: int = Field(default=1, ge=1, le=10_000)
 
@@ -353,8 +354,18 @@ class MotionTask:
         return self.mechanism.joints if joint else self.mechanism.pose
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the configuration as JSON has it, what is unset left out."""
-        return self.config.model_dump(mode="json", exclude_none=True)
+        """Return the configuration as JSON has it, enough to do it again.
+
+        What is unset and keys of other sources of trajectories are left out.
+        """
+        document = self.config.model_dump(mode="json", exclude_none=True)
+        settings = self.config.trajectory
+        strange = frozenset().union(*_SOURCES.values()) - _SOURCES[settings.source]
+        strange |= {"spline", "ends"} if settings.fit is not None else set()
+        document["trajectory"] = {
+            k: v for k, v in document["trajectory"].items() if k not in strange
+        }
+        return document
 
 
 def load_motion(path: Path) -> MotionTask:
@@ -542,6 +553,8 @@ def _bodies(
     bodies = {body.name: body for body in declared}
     for name, settings in given.items():
         place = f"{where}: bodies.{name}"
+        if name == "payload":
+            raise InputError(f"{place}: a payload has a table of its own, [payload]")
         known = bodies.get(name)
         moved = known is None or any(
             getattr(settings, k) is not None for k in ("limb", "joint", "part")
@@ -599,10 +612,17 @@ def _link(settings: BodySettings, mechanism: Mechanism, where: str) -> tuple[int
         raise InputError(
             f'{where}.limb={limb!r} is not allowed: 1 to {len(mechanism.limbs)} or "platform"'
         )
-    joints = mechanism.limbs[limb - 1].joints.replace("_a", "")
+    joints = re.findall(r"P_a|[RPCUS]", mechanism.limbs[limb - 1].joints)
     if settings.joint is None or not settings.joint <= len(joints):
-        shown = "is missing" if settings.joint is None else f"={settings.joint} is not allowed"
-        raise InputError(
-            f"{where}: joint {shown}: 1 to {len(joints)}, the joint that the link follows"
+        shown = (
+            f"{where}: joint is missing"
+            if settings.joint is None
+            else f"{where}.joint={settings.joint} is not allowed"
         )
-    return limb - 1, settings.joint - 1, settings.part or "link"
+        raise InputError(f"{shown}: 1 to {len(joints)}, the joint that the link follows")
+    part = settings.part or "link"
+    if part == "bars" and joints[settings.joint - 1] != "P_a":
+        raise InputError(
+            f"{where}: part = bars: joint {settings.joint} of limb {limb} is no parallelogram"
+        )
+    return limb - 1, settings.joint - 1, part

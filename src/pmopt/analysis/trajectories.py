@@ -20,6 +20,8 @@ from pmopt.numerics.jets import Jet
 Values = NDArray[np.float64]
 #: Decimals of a time: k times the step is the decimal number it looks like.
 _DECIMALS = 12
+#: Least radius of a gate's corners, of the largest that fits.
+_SHARPEST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -252,10 +254,11 @@ def _from_gate(task: MotionTask) -> Planned:
             f"{where}: pick and place differ in no length across {gate.up}: there is no way between"
         )
     room = min(across / 2, abs(level - pick[up]), abs(level - place[up]))
-    if gate.radius > room * (1 + 1e-12):
+    if not _SHARPEST * room <= gate.radius <= room * (1 + 1e-12):
         raise InputError(
             f"{where}: radius={gate.radius:g} is not allowed: at most {room:.6g} {unit}, the "
-            "height and half the way across"
+            f"height and half the way across, and at least {_SHARPEST:g} of that: corners are "
+            "passed without a stop"
         )
     one_way = gate.cycle / 2
     if settings.dwell >= one_way:

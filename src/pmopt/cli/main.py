@@ -28,6 +28,7 @@ COMMANDS = {
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
     "certify": ("pmopt.cli.certify", "Prove or refute dexterity at every pose of a box."),
     "motion": ("pmopt.cli.motion", "Joint motion, efforts and power along a trajectory."),
+    "capability": ("pmopt.cli.capability", "Where in the workspace given motors suffice."),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
     "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
     "draw": ("pmopt.cli.draw", "Draw a mechanism at a pose."),

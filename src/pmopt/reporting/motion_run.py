@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,12 +16,13 @@ from pmopt.analysis.motion_summary import Demand, broken_limits, columns, demand
 from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
 from pmopt.errors import InputError
-from pmopt.files import sha256
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import per_second
 
 Notify = Callable[[str], None]
+#: Name in the run's folder of the file that a trajectory was read from.
+RECORDING = "recording.csv"
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,13 @@ class MotionRun:
         return text + f"worst at t={_time(t[worst.worst])} s, {worst.text}"
 
     def _severity(self, span: Span) -> float:
-        """Order spans by what they miss: lengths count over the characteristic length."""
+        """Order spans by what they miss: lengths count over the characteristic length.
+
+        At a singularity efforts have no bound, whatever its index is.
+        """
         mechanism = self.task.mechanism
+        if span.what == "singularity":
+            return math.inf
         if span.unit == mechanism.length_unit:
             return abs(span.miss) / mechanism.characteristic_length(self.task.parameters)
         return abs(span.miss)
@@ -176,13 +183,19 @@ def _write(run: MotionRun, folder: RunFolder) -> None:
         folder.write("centres.csv", to_csv([centres]) + "\n")
     for name, data in drawn.items():
         folder.write(name, data)
+    config = run.task.to_dict()
     source = run.task.config.trajectory.file
-    inputs = {source: sha256(run.task.folder / source)} if source else {}
+    inputs = {}
+    if source is not None:
+        # With its recording the folder tells all that the motion came from.
+        inputs = {RECORDING: source}
+        folder.write(RECORDING, (run.task.folder / source).read_bytes())
+        config["trajectory"]["file"] = RECORDING
     folder.close(
         "motion",
         {
             "mechanism": run.task.mechanism.name,
-            "config": run.task.to_dict(),
+            "config": config,
             "bodies": [
                 {"name": b.name, "mass": b.mass, "centre": b.centre.tolist(),
                  "inertia": b.inertia.tolist(), "limb": b.limb, "joint": b.joint, "part": b.part,

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,27 @@ def require_mujoco() -> Any:
             "the engine mujoco is not installed: pip install 'pmopt[engines]'"
         ) from None
     return mujoco
+
+
+class Followed(NamedTuple):
+    """What the engine's inverse dynamics tell of N instants.
+
+    Attributes
+    ----------
+    efforts : (N, n)
+        N, N m.
+    joints : (N, n)
+        Actuated joints of the closed loops, m and rad.
+    centres : (N, B, 3)
+        Of the bodies' mass, m.
+    gaps : (N,)
+        Largest residual of the loops and of the actuated positions, m and rad.
+    """
+
+    efforts: Values
+    joints: Values
+    centres: Values
+    gaps: Vector
 
 
 class Engine:
@@ -106,7 +127,7 @@ class Engine:
 
     def inverse(
         self, t: Vector, joints: Values, rates: Values, accelerations: Values
-    ) -> tuple[Values, Values, Vector]:
+    ) -> Followed:
         """Return what drives a motion, and where it leads.
 
         Parameters
@@ -116,22 +137,13 @@ class Engine:
         joints, rates, accelerations : (N, n)
             Of the actuated joints, m and rad.
 
-        Returns
-        -------
-        efforts : (N, n)
-            N, N m.
-        centres : (N, B, 3)
-            Of the bodies' mass, m.
-        gaps : (N,)
-            Largest residual of the loops and of the actuated positions.
-
         Raises
         ------
         PmoptError
             When the loops do not close at an instant.
         """
         count, n = joints.shape
-        efforts, gaps = np.empty((count, n)), np.empty(count)
+        efforts, found, gaps = np.empty((count, n)), np.empty((count, n)), np.empty(count)
         centres = np.empty((count, len(self._bodies), 3))
         data = self._free
         q = np.array(self.model.qpos0)
@@ -144,8 +156,9 @@ class Engine:
             except PmoptError as error:
                 raise PmoptError(f"t = {t[k]:.9g} s: {error}") from None
             efforts[k] = self._efforts(q, rates[k], accelerations[k])
+            found[k] = q[self._places]
             centres[k] = data.xipos[self._bodies]
-        return efforts, centres, gaps
+        return Followed(efforts, found, centres, gaps)
 
     def close(self, q: Vector, joints: Vector) -> tuple[Vector, float]:
         """Return tree positions near q that close the loops with these joints, and the gap left.

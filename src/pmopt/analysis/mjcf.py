@@ -15,7 +15,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
-from pmopt.analysis.multibody import BASE, Closure, Link, Tree
+from pmopt.analysis.multibody import BASE, HALF, Closure, Link, Tree
 from pmopt.mechanisms.base import PLATFORM, Matrix, Vector
 from pmopt.mechanisms.bodies import Body
 
@@ -23,8 +23,9 @@ from pmopt.mechanisms.bodies import Body
 STEP = 0.001
 #: Share of the unconstrained acceleration that equalities leave is 1 - IMPEDANCE, MuJoCo's least.
 IMPEDANCE = 0.9999
-#: Time constant of the equalities, in steps: the shortest that MuJoCo calls stable.
-TIME_CONSTANT = 2.0
+#: Time constant of the equalities, in steps. Half of what MuJoCo allows by itself (``refsafe``):
+#: with Runge-Kutta steps it is stable, and what the loops give way by falls with its square.
+TIME_CONSTANT = 1.0
 _COLOURS = (
     "0.18 0.36 0.54 1", "0.76 0.34 0.23 1", "0.31 0.54 0.31 1", "0.54 0.35 0.66 1",
     "0.69 0.54 0.18 1",
@@ -51,14 +52,17 @@ def to_mjcf(tree: Tree, step: float = STEP) -> str:
         root, "option", timestep=_text([step]), gravity=_text(tree.gravity), integrator="RK4",
         solver="Newton", iterations="50", tolerance="1e-14", jacobian="dense",
     )  # fmt: skip
-    Xml.SubElement(option, "flag", contact="disable")
-    statistic = {"extent": _text([tree.size]), "center": _text(np.mean(tree.base, axis=0))}
+    Xml.SubElement(option, "flag", contact="disable", refsafe="disable")
+    statistic = {"extent": _text([1.2 * tree.size]), "center": _text(tree.centre)}
     Xml.SubElement(root, "statistic", **statistic)
     visual = Xml.SubElement(root, "visual")
     Xml.SubElement(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.6 0.6 0.6",
                    specular="0 0 0")  # fmt: skip
     Xml.SubElement(visual, "global", offwidth="1280", offheight="960")
     Xml.SubElement(visual, "map", znear="0.01", zfar="50")
+    asset = Xml.SubElement(root, "asset")
+    Xml.SubElement(asset, "texture", type="skybox", builtin="gradient", rgb1="1 1 1",
+                   rgb2="0.82 0.87 0.92", width="64", height="64")  # fmt: skip
     default = Xml.SubElement(root, "default")
     # Nothing that is drawn has a mass or touches anything.
     Xml.SubElement(default, "geom", contype="0", conaffinity="0", mass="0", group="1")
@@ -112,7 +116,7 @@ def _write_bodies(world: Xml.Element, tree: Tree) -> None:
                 given["axis"] = _text(link.rotation.T @ freedom.axis)
                 given["ref"] = _text([freedom.start])
             Xml.SubElement(body, "joint", name=freedom.name, type=freedom.kind, **given)
-        _draw_link(body, link, tree.size)
+        _draw_link(body, link, tree)
         for one in link.bodies:
             _write_mass(body, one)
         for closure in tree.closures:
@@ -170,7 +174,8 @@ def _write_base(world: Xml.Element, tree: Tree) -> None:
                          0.6 * _THIN * tree.size, _BASE_COLOUR)  # fmt: skip
 
 
-def _draw_link(body: Xml.Element, link: Link, size: float) -> None:
+def _draw_link(body: Xml.Element, link: Link, tree: Tree) -> None:
+    size = tree.size
     colour = _PLATFORM_COLOUR if link.limb == PLATFORM else _COLOURS[link.limb % len(_COLOURS)]
     points = [_seen(link, point) for point in link.path]
     slides = any(f.kind == "slide" for f in link.freedoms)
@@ -181,6 +186,11 @@ def _draw_link(body: Xml.Element, link: Link, size: float) -> None:
             _capsule(body, hub, corner, _THIN * size, colour)
             if len(corners) > 2:
                 _capsule(body, corner, corners[(k + 1) % len(corners)], _THIN * size, colour)
+        for freedom in link.freedoms:
+            if freedom.kind == "slide":  # the rod of a telescope ends in the platform
+                seat = corners[tree.carrier]
+                way = HALF * (_seen(link, freedom.point) - seat)
+                _capsule(body, seat, seat + way, _THIN * size, colour)
     else:
         _capsule(body, points[0], points[1], radius, colour)
         Xml.SubElement(body, "geom", type="sphere", size=_text([1.25 * radius]),

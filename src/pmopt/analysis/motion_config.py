@@ -281,12 +281,17 @@ class ControllerSettings(BaseModel):
 
 
 class EngineSettings(BaseModel):
-    """The ``[engine]`` table: the multibody engine and its step in s."""
+    """The ``[engine]`` table: the multibody engine and its step in s.
+
+    ``tolerance``, in per cent of a joint's peak effort, is how far the engine's inverse dynamics
+    may be from the motion's before the verification fails.
+    """
 
     model_config = _FROZEN
 
     name: Literal["mujoco"] = "mujoco"
     step: Positive = 0.001
+    tolerance: Positive = 0.01
 
 
 class MotionConfig(BaseModel):

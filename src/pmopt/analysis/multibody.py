@@ -32,6 +32,9 @@ BASE = -1
 #: Mass of a link that an engine needs and nobody has declared, as a share of all mass.
 NEGLIGIBLE = 1e-7
 
+#: Share of its way that each of two telescoping links is drawn along.
+HALF = 0.55
+
 #: Origin and rotation of a frame.
 Frame = tuple[Vector, Matrix]
 #: What it takes to close a limb at its last joint beside the point; those not named can not be.
@@ -122,8 +125,8 @@ class Tree:
     mechanism : str
     links : tuple of Link
         Parents before their children.
-    platform : int
-        Number of the platform's link.
+    platform, carrier : int
+        Number of the platform's link and of the limb that carries it.
     closures : tuple of Closure
     opposite : tuple of (str, str)
         Names of freedoms that turn by opposite angles.
@@ -131,8 +134,8 @@ class Tree:
         In the mechanism's order.
     base : tuple of (3,) float64
         The limbs' first joints.
-    size : float
-        Largest extent, m.
+    centre, size : (3,) float64, float
+        Middle and largest side of the box around all joints, m.
     gravity : (3,) float64
         m/s^2.
     """
@@ -140,10 +143,12 @@ class Tree:
     mechanism: str
     links: tuple[Link, ...]
     platform: int
+    carrier: int
     closures: tuple[Closure, ...]
     opposite: tuple[tuple[str, str], ...]
     actuated: tuple[str, ...]
     base: tuple[Vector, ...]
+    centre: Vector
     size: float
     gravity: Vector
 
@@ -227,15 +232,16 @@ def build_tree(
             masses.setdefault(key, []).append(replace(body, centre=unit * np.asarray(body.centre)))
     builder = _Builder(masses, sum(body.mass for body in bodies), (unit * centre, rotation), starts)
     carrier = _carrier(mechanism, chains)
-    ends = [chain.joints[-1].point for chain in chains]
+    ends = [_seat(chain.joints[-1], unit * centre) for chain in chains]
     points = np.array([j.point for chain in chains for j in chain.joints])
     builder.size = float(np.ptp(points, axis=0).max())
     for limb in (carrier, *(k for k in range(len(chains)) if k != carrier)):
         builder.add(limb, chains[limb], limb == carrier, ends)
     return Tree(
-        mechanism.name, tuple(builder.links), builder.platform, tuple(builder.closures),
+        mechanism.name, tuple(builder.links), builder.platform, carrier, tuple(builder.closures),
         tuple(builder.opposite), tuple(c.name for c in mechanism.joints),
-        tuple(chain.joints[0].point for chain in chains), builder.size, np.array(gravity, float),
+        tuple(chain.joints[0].point for chain in chains),
+        (points.min(axis=0) + points.max(axis=0)) / 2, builder.size, np.array(gravity, float),
     )  # fmt: skip
 
 
@@ -340,7 +346,7 @@ class _Builder:
             if bodies:
                 start = joint.point if joint.bar is None else joint.point + joint.bar
                 start = frames[k][0] if joint.kind in ("P", "C") else start
-                path = _reach(chain, k, start)
+                path = _reach(chain, k, start, ends[limb])
                 parent = self._emit(f"{name} link", parent, frames[k], tuple(pending), bodies,
                                     limb, path)  # fmt: skip
                 pending = []
@@ -381,18 +387,25 @@ def _stack(pending: Sequence[Freedom], following: Joint) -> bool:
     return not (ball and following.kind != "P") and not (turns and following.kind == "S")
 
 
-def _reach(chain: Chain, k: int, start: Vector) -> tuple[Vector, ...]:
+def _seat(joint: Joint, centre: Vector) -> Vector:
+    """Return where on the platform a limb ends, for pictures."""
+    if joint.kind in ("P", "C"):
+        return joint.point + _part(centre - joint.point, joint.axes[0])
+    return joint.point
+
+
+def _reach(chain: Chain, k: int, start: Vector, seat: Vector) -> tuple[Vector, ...]:
     """Return the ends of the link after joint k, for pictures.
 
     Of the two links that telescope each is a good half of the way.
     """
     joint, following = chain.joints[k], chain.joints[k + 1]
     end = following.point
-    if following.kind == "P" and np.allclose(end, start) and k + 2 < len(chain.joints):
-        return start, start + 0.55 * _part(chain.joints[k + 2].point - start, following.axes[0])
+    if following.kind == "P" and np.allclose(end, start):
+        beyond = chain.joints[k + 2].point if k + 2 < len(chain.joints) else seat
+        return start, start + HALF * _part(beyond - start, following.axes[0])
     if joint.kind == "P" and k > 0:
-        origin = joint.point
-        return end - 0.55 * _part(end - origin, joint.axes[0]), end
+        return end - HALF * _part(end - joint.point, joint.axes[0]), end
     return start, end
 
 

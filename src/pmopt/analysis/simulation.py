@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.dynamics import GRAVITY
 from pmopt.analysis.engine import Engine
-from pmopt.analysis.mjcf import STEP, to_mjcf
+from pmopt.analysis.mjcf import to_mjcf
 from pmopt.analysis.motion import Motion
 from pmopt.analysis.motion_config import EngineSettings, MotionTask
-from pmopt.analysis.multibody import build_tree
+from pmopt.analysis.multibody import Tree, build_tree
 from pmopt.errors import InputError, PmoptError
 from pmopt.mechanisms.base import Coordinate, Vector
 from pmopt.units import METRES
@@ -71,8 +71,10 @@ class Simulation:
         Largest residual of the engine's loops and actuated positions, m and rad.
     engine, version, model : str
         Name, version and the model's text.
-    step, hold : float or None
-        Of engine and controller, s; None without controller.
+    step : float
+        The engine's, s.
+    hold : float or None
+        The controller's, s; None without.
     """
 
     joints: tuple[Coordinate, ...]
@@ -87,15 +89,19 @@ class Simulation:
     hold: float | None
 
 
-def model_of(task: MotionTask, pose: Mapping[str, float]) -> str:
-    """Return the MuJoCo model of what a task moves, at a pose."""
+def engine_settings(task: MotionTask) -> EngineSettings:
+    """Return the configuration's engine, or the default one."""
+    return task.config.engine or EngineSettings()
+
+
+def tree_of(task: MotionTask, pose: Mapping[str, float]) -> Tree:
+    """Return what a task moves, at a pose, as links."""
     mechanism, config = task.mechanism, task.config
     gravity = config.gravity or [GRAVITY * d for d in mechanism.down]
     payload = () if task.payload is None else (task.payload.body("payload", source="given"),)
     own = task.bodies or mechanism.bodies(task.parameters)
     mode = mechanism.check_mode(config.working_mode)
-    tree = build_tree(mechanism, task.parameters, pose, mode, (*own, *payload), gravity)
-    return to_mjcf(tree, (config.engine or EngineSettings()).step)
+    return build_tree(mechanism, task.parameters, pose, mode, (*own, *payload), gravity)
 
 
 def holds(task: MotionTask) -> tuple[float, int]:
@@ -106,7 +112,7 @@ def holds(task: MotionTask) -> tuple[float, int]:
     InputError
         If it is no whole number of steps.
     """
-    step = task.config.engine.step if task.config.engine else STEP
+    step = engine_settings(task).step
     controller = task.config.controller
     hold = controller.hold if controller and controller.hold else step
     count = round(hold / step)
@@ -149,24 +155,30 @@ def simulate_motion(
     names = [c.name for c in motion.joints.coordinates]
     start = dict(zip([c.name for c in motion.pose.coordinates], motion.pose.values[0].tolist(),
                      strict=True))  # fmt: skip
-    model = model_of(task, start)
-    engine = Engine(model, names, list(motion.centres))
+    settings = engine_settings(task)
+    tree = tree_of(task, start)
+    model = to_mjcf(tree, settings.step)
+    massive = {body.name for link in tree.links for body in link.bodies}
+    bodies = [name for name in motion.centres if name in massive]
+    engine = Engine(model, names, bodies)
     factor = _to_si(task, motion)
     course = motion.joints
-    efforts, centres, gaps = engine.inverse(
+    followed = engine.inverse(
         motion.t, course.values * factor, course.rates * factor, course.accelerations * factor
     )
     unit = METRES[task.mechanism.length_unit]
-    own = np.stack([values[:, 0] for values in motion.centres.values()], axis=1) * unit
-    inverse = _compared(motion.t, motion.effort, efforts, np.zeros_like(efforts))
+    own = np.stack([motion.centres[name][:, 0] for name in bodies], axis=1) * unit
+    inverse = _compared(
+        motion.t, motion.effort, followed.efforts, followed.joints / factor - course.values
+    )
     forward, hold = None, None
     if fine is not None and task.config.controller is not None:
         hold, _ = holds(task)
-        forward = run_forward(task, engine, fine, efforts[0], progress)
+        forward = run_forward(task, engine, fine, followed.efforts[0], progress)
     return Simulation(
         course.coordinates, inverse, forward,
-        float(np.linalg.norm(centres - own, axis=2).max()), float(gaps.max()),
-        engine.name, engine.version, model, (task.config.engine or EngineSettings()).step, hold,
+        float(np.linalg.norm(followed.centres - own, axis=2).max()), float(followed.gaps.max()),
+        engine.name, engine.version, model, settings.step, hold,
     )  # fmt: skip
 
 

@@ -3,8 +3,10 @@
 import io
 import json
 import math
+import re
 import shutil
 import subprocess
+import tomllib
 
 import numpy as np
 import pytest
@@ -26,7 +28,9 @@ from PIL import Image
 
 import pmopt as package
 from pmopt.analysis.motion import Course, Motion
+from pmopt.analysis.motion_config import resolve_motion
 from pmopt.analysis.motion_summary import broken_limits, columns, demands, rms
+from pmopt.analysis.trajectories import plan_trajectory
 from pmopt.mechanisms import find
 from pmopt.reporting import animation
 
@@ -132,12 +136,18 @@ def test_shipped_motion(run):
     assert set(manifest["outputs"]) == set(files_in(folder)) - {"manifest.json"}
 
 
-def test_the_folder_draws_its_pictures_again(run, tmp_path):
-    _, folder, _ = run
-    drawn = json_answer("plot", folder, "--out", "again", cwd=tmp_path)["written"]
+def test_the_folder_draws_its_pictures_again(tmp_path):
+    """From the manifest and the recording in the folder alone."""
+    shutil.copy(MOTIONS / "3-ups-sp-strokes.toml", tmp_path)
+    shutil.copy(MOTIONS / "3-ups-sp-strokes.csv", tmp_path)
+    args = ("motion", "3-ups-sp-strokes.toml", "--out", "run", "--quiet")
+    assert here(*args, cwd=tmp_path).returncode == 0
+    (tmp_path / "3-ups-sp-strokes.csv").unlink()
+    drawn = json_answer("plot", "run", "--out", "again", cwd=tmp_path)["written"]
+    assert len(drawn) == 7
     for path in drawn:
         again = (tmp_path / path).read_bytes()
-        assert again == (folder / path.removeprefix("again/")).read_bytes()
+        assert again == (tmp_path / "run" / path.removeprefix("again/")).read_bytes()
 
 
 def test_published_efforts_of_t1(tmp_path):
@@ -358,6 +368,28 @@ def test_mp4_without_ffmpeg_is_one_line(short):
     assert "needs ffmpeg, which is not installed" in error_line(result)
 
 
+def test_tables_of_the_page_resolve(tmp_path):
+    """What docs/motion.md shows is read, table by table."""
+    text = (CONFIGS.parent / "docs/motion.md").read_text()
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    fits = re.findall(r"fit = \{.*?\}", text)
+    assert len(blocks) == 8 and len(fits) == 2
+    first, constants, waypoints, gate, file, _, masses, limits = blocks
+    still = "[trajectory]\nx = 0.0\ny = 0.0\nz = 1.5\nduration = 1.0\n"
+    whole = first.replace('space = "task"', "", 1)
+    plain = 'mechanism = "2pauu-ppap"\n'
+    limits = limits.replace("l1 =", "theta1 =")
+    tables = [
+        first, whole + constants, plain + waypoints, plain + gate, plain + file,
+        *(plain + '[trajectory]\nfile = "p.csv"\n' + fit for fit in fits),
+        plain + still + masses, plain + still + limits,
+    ]  # fmt: skip
+    for table in tables:
+        task = resolve_motion(tomllib.loads(table), "page", tmp_path)
+        if task.config.trajectory.source != "file":
+            plan_trajectory(task)
+
+
 # --- pictures and sums ----------------------------------------------------------------------
 
 
@@ -387,6 +419,20 @@ def test_an_mp4(short):
     assert (short / "a.mp4").read_bytes()[4:8] == b"ftyp"
 
 
+def test_what_ffmpeg_says_is_one_line(short):
+    tool = short / "bin/ffmpeg"
+    tool.parent.mkdir()
+    tool.write_text("#!/bin/sh\necho first >&2\necho no encoder >&2\nexit 1\n")
+    tool.chmod(0o755)
+    result = subprocess.run(
+        [*COMMAND, "motion", "m.toml", "--animate", "a.mp4", "--fps", "2"], cwd=short,
+        timeout=TIMEOUT, env=environment(PATH=f"{tool.parent}:/usr/bin:/bin"),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert "ffmpeg: no encoder" in error_line(result, 1)
+    assert not (short / "a.mp4").exists()
+
+
 @pytest.mark.parametrize("fps", [7.0, 20.0, 30.0, 50.0])
 def test_delays_add_up(fps):
     delays = animation._delays(200, fps)
@@ -411,7 +457,8 @@ def made(values, rates):
     empty = Course((), *np.empty((3, len(t), 0)))
     return mechanism, Motion(
         mechanism.name, mechanism.resolve({}), "out-out", t, Course(mechanism.pose, *whole), empty,
-        Course(mechanism.joints, *whole), empty, None, None, None, None, {}, (),
+        Course(mechanism.joints, *whole), empty, None, None, None, None, {},
+        np.zeros((len(t), 2, 3)), (),
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.mechanisms.bodies import Body
 from pmopt.numerics import dynamics
+from pmopt.numerics.compiled import Compiled
 from pmopt.numerics.specialise import PLACE
 from pmopt.threads import default_threads, ordered_map
 
@@ -95,8 +96,9 @@ def angular_motion(platform: Values) -> Values:
     about_x = np.stack([cos_a * cos_b, sin_a * cos_b, -sin_b], axis=1)
 
     def weighed(*rates: Vector) -> Values:
-        axes = (about_z, about_y, about_x)
-        return sum(r[:, None] * axis for r, axis in zip(rates, axes, strict=True))
+        first, second, third = (r[:, None] for r in rates)
+        total: Values = first * about_z + second * about_y + third * about_x
+        return total
 
     bias = (da * db)[:, None] * np.cross(about_z, about_y)
     bias += dc[:, None] * np.cross(weighed(da, db, zero), about_x)
@@ -218,6 +220,11 @@ class Mover:
             masses.append([body.mass, *centre, *np.asarray(body.inertia, dtype=float).ravel()])
         self._bodies = np.array(table, dtype=np.int64).reshape(-1, 2)
         self._masses = np.array(masses, dtype=float).reshape(-1, 13)
+
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """The compiled text of this mover and the entry it calls."""
+        return {self._kernel: ("move",)}
 
     def si(self, coordinates: Sequence[Coordinate]) -> Vector:
         """Return the factors that turn coordinates' rates to m and rad."""

@@ -27,6 +27,7 @@ from pmopt.mechanisms.base import (
     wrap_angle,
 )
 from pmopt.mechanisms.bodies import Body, MassProperties
+from pmopt.numerics.compiled import compile_ahead
 from pmopt.units import unit_of
 
 Values = NDArray[np.float64]
@@ -187,6 +188,10 @@ def compute_motion(
         threads=threads,
         notify=notify,
         where="motion",
+    )
+    fields = [c for c, entries in sweeper.kernels.items() if "field" in entries]
+    compile_ahead(
+        [*((c, "field") for c in fields), *((c, "move") for c in mover.kernels)], mover.threads
     )
     poses, rates, accelerations = trajectory.values, trajectory.rates, trajectory.accelerations
     spans: list[Span] = []

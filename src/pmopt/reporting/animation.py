@@ -153,6 +153,9 @@ def _to_mp4(frames: Iterator[Frame], fps: float) -> bytes:
                 process.stdin.close()
             except BrokenPipeError:  # ffmpeg has ended: its own words say why
                 pass
+            except BaseException:
+                process.kill()
+                raise
             finally:
                 code = process.wait()
         if code != 0 or not out.exists():

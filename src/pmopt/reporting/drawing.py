@@ -27,6 +27,8 @@ _TELESCOPE = 0.42
 #: Half the width of a marker, in pixels.
 _MARK = 9.0
 _FRAME_DPI = 100
+#: Points between tick labels and names of axes; more in frames, whose pixels are fewer.
+_PAD, _FRAME_PAD = 4.0, 9.0
 
 
 class _Label(NamedTuple):
@@ -140,7 +142,7 @@ def _draw_scene(axes: Any, mechanism: Mechanism, scene: _Scene) -> list[_Label]:
 
 def _set_box(
     figure: Any, axes: Any, mechanism: Mechanism, low: NDArray[np.float64],
-    high: NDArray[np.float64],
+    high: NDArray[np.float64], pad: float = _PAD,
 ) -> None:  # fmt: skip
     """Set limits, ticks and names of the axes, and fit them to the figure."""
     from matplotlib.ticker import MaxNLocator
@@ -154,6 +156,7 @@ def _set_box(
         getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
         axis.set_label_text(label(str(names[k]), mechanism.length_unit))
         axis.set_pane_color("white")
+        axis.labelpad = pad
         count = 2 + round(4 * (high[k] - low[k]) / float((high - low).max()))
         axis.set_major_locator(MaxNLocator(count))
     if mechanism.vertical == 0:
@@ -206,7 +209,7 @@ def draw_frames(
         figure.set_dpi(_FRAME_DPI)
         axes = _new_axes(figure)
         _draw_scene(axes, mechanism, scenes[0])
-        _set_box(figure, axes, mechanism, np.min(lows, axis=0), np.max(highs, axis=0))
+        _set_box(figure, axes, mechanism, np.min(lows, axis=0), np.max(highs, axis=0), _FRAME_PAD)
         _write_legend(figure, mechanism, scenes[0].chains)
         _write_head(figure, mechanism, parameters)
         written = figure.text(0.02, 0.93, "", va="top", fontsize=8.5, color="#555555")

@@ -260,15 +260,19 @@ class Engine:
             self._mj.mj_step(self.model, self.data, nstep=steps)
         return bool(np.isfinite(self.data.qpos).all() and self.data.time > 0.0)
 
-    def joint_inertia(self) -> Matrix:
-        """Return the mass matrix (n, n) by the actuated joints at the model's own pose."""
+    def joint_masses(self) -> Vector:
+        """Return the mass or inertia (n,) that each actuated joint feels, the others free.
+
+        At the model's own pose, kg or kg m^2: 1 / (M^-1)_ii of the mass matrix by these joints.
+        """
         q = np.array(self.model.qpos0)
         partial, _ = self.partial(q)
         self._free.qpos[:] = q
         self._mj.mj_fwdPosition(self._open, self._free)
         whole = np.empty((self.model.nv, self.model.nv))
         self._mj.mj_fullM(self._open, self._free, whole)
-        return np.asarray(partial.T @ whole @ partial)
+        matrix = partial.T @ whole @ partial
+        return np.asarray(1 / np.diag(np.linalg.inv(matrix)))
 
     @contextmanager
     def _silent(self) -> Iterator[None]:

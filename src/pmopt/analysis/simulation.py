@@ -23,6 +23,8 @@ Progress = Callable[[int, int], None]
 
 #: Peaks smaller than this share of the largest are rounding: errors are counted in it.
 _ROUNDING = 1e-9
+#: Speed of a controller whose gains are not given, rad by hold, and the largest, rad/s.
+BANDWIDTH, FASTEST = 0.2, 100.0
 #: A joint this far from where it should be, rad or characteristic lengths, has been lost.
 _LOST = 0.5
 
@@ -75,6 +77,8 @@ class Simulation:
         The engine's, s.
     hold : float or None
         The controller's, s; None without.
+    gains : dict of str to (n,) float64, or None
+        kp, ki, kd by joint; None without controller.
     """
 
     joints: tuple[Coordinate, ...]
@@ -87,6 +91,7 @@ class Simulation:
     model: str
     step: float
     hold: float | None
+    gains: dict[str, Vector] | None
 
 
 def engine_settings(task: MotionTask) -> EngineSettings:
@@ -161,7 +166,7 @@ def simulate_motion(
     massive = {body.name for link in tree.links for body in link.bodies}
     bodies = [name for name in motion.centres if name in massive]
     engine = Engine(model, names, bodies)
-    factor = _to_si(task, motion)
+    factor = joint_factors(task)
     course = motion.joints
     followed = engine.inverse(
         motion.t, course.values * factor, course.rates * factor, course.accelerations * factor
@@ -171,20 +176,22 @@ def simulate_motion(
     inverse = _compared(
         motion.t, motion.effort, followed.efforts, followed.joints / factor - course.values
     )
-    forward, hold = None, None
+    forward, hold, gains = None, None, None
     if fine is not None and task.config.controller is not None:
         hold, _ = holds(task)
-        forward = run_forward(task, engine, fine, followed.efforts[0], progress)
+        gains = controller_gains(task, engine)
+        forward = run_forward(task, engine, fine, gains, followed.efforts[0], progress)
     return Simulation(
         course.coordinates, inverse, forward,
         float(np.linalg.norm(followed.centres - own, axis=2).max()), float(followed.gaps.max()),
-        engine.name, engine.version, model, settings.step, hold,
+        engine.name, engine.version, model, settings.step, hold, gains,
     )  # fmt: skip
 
 
-def _to_si(task: MotionTask, motion: Motion) -> Vector:
+def joint_factors(task: MotionTask) -> Vector:
+    """Return what turns positions of the actuated joints to m and rad."""
     unit = METRES[task.mechanism.length_unit]
-    return np.array([unit if c.kind == "length" else 1.0 for c in motion.joints.coordinates])
+    return np.array([unit if c.kind == "length" else 1.0 for c in task.mechanism.joints])
 
 
 def _compared(t: Vector, effort: Values, engine_effort: Values, tracking: Values) -> Comparison:
@@ -195,8 +202,8 @@ def _compared(t: Vector, effort: Values, engine_effort: Values, tracking: Values
 
 
 def run_forward(
-    task: MotionTask, engine: Engine, fine: Motion, balance: Vector,
-    progress: Progress | None = None,
+    task: MotionTask, engine: Engine, fine: Motion, gains: Mapping[str, Vector],
+    balance: Vector, progress: Progress | None = None,
 ) -> Comparison:  # fmt: skip
     """Run the engine under the controller, from the motion's start.
 
@@ -216,6 +223,8 @@ def run_forward(
     engine : Engine
     fine : Motion
         At half holds, from the engine's pose on.
+    gains : mapping of str to (n,) float64
+        See :func:`controller_gains`.
     balance : (n,) float64
         The engine's own efforts at the start.
     progress : callable, optional
@@ -223,11 +232,8 @@ def run_forward(
     hold, steps = holds(task)
     controller = task.config.controller
     assert controller is not None and fine.effort is not None
-    factor = _to_si(task, fine)
-    kp, ki, kd = (
-        _gains(gain, fine.joints.coordinates)
-        for gain in (controller.kp, controller.ki, controller.kd)
-    )
+    factor = joint_factors(task)
+    kp, ki, kd = (gains[name] for name in ("kp", "ki", "kd"))
     count = _whole_holds(fine.t, hold)
     size = task.mechanism.characteristic_length(task.parameters)
     far = np.array([_LOST * size if c.kind == "length" else _LOST
@@ -262,11 +268,27 @@ def run_forward(
     )  # fmt: skip
 
 
-def _gains(gain: float | Mapping[str, float], joints: tuple[Coordinate, ...]) -> Vector:
-    """Return a gain for each joint; joints that are not named have none."""
-    if isinstance(gain, Mapping):
-        return np.array([gain.get(c.name, 0.0) for c in joints])
-    return np.full(len(joints), gain)
+def controller_gains(task: MotionTask, engine: Engine) -> dict[str, Vector]:
+    """Return kp, ki and kd, (n,) each: effort by joint position, its integral and its rate.
+
+    Positions are in the mechanism's length unit and rad. Where the configuration gives none of
+    the three they are w^2 m, 0 and 2 w m of a critically damped joint with w = 0.2 / hold (at
+    most 100 rad/s), slow enough for a controller that sees the joint once a hold, and the mass m
+    that the joint feels at the start with the others free.
+    """
+    controller = task.config.controller
+    assert controller is not None
+    joints = task.mechanism.joints
+    given = {"kp": controller.kp, "ki": controller.ki, "kd": controller.kd}
+    if not controller.model_fields_set & given.keys():
+        speed = min(BANDWIDTH / holds(task)[0], FASTEST)
+        mass = engine.joint_masses() * joint_factors(task)
+        return {"kp": speed**2 * mass, "ki": 0 * mass, "kd": 2 * speed * mass}
+    return {
+        name: np.array([gain.get(c.name, 0.0) for c in joints])
+        if isinstance(gain, Mapping) else np.full(len(joints), gain)
+        for name, gain in given.items()
+    }  # fmt: skip
 
 
 def _whole_holds(t: Vector, hold: float) -> int:

@@ -105,6 +105,11 @@ class SimulationRun:
         simulation, config = self.simulation, self.task.config
         settings = engine_settings(self.task)
         controller = config.controller
+        names = [c.name for c in simulation.joints]
+        gains = {
+            name: dict(zip(names, values.tolist(), strict=True))
+            for name, values in (simulation.gains or {}).items()
+        }
         return {
             "mechanism": self.task.mechanism.name,
             "params": dict(self.task.parameters),
@@ -112,7 +117,7 @@ class SimulationRun:
             "engine": {"name": simulation.engine, "version": simulation.version,
                        "step": simulation.step},
             "controller": None if controller is None else {
-                **controller.model_dump(mode="json"), "hold": simulation.hold,
+                **gains, "feedforward": controller.feedforward, "hold": simulation.hold,
             },
             "joints": [
                 {"mode": a.mode, "joint": a.joint, "peak": a.peak, "unit": a.unit,
@@ -203,6 +208,7 @@ def _write(run: SimulationRun, folder: RunFolder) -> None:
             "mechanism": run.task.mechanism.name,
             "config": run.task.to_dict(),
             "engine": document["engine"],
+            "controller": document["controller"],
             "seed": None,
             "resumes": [],
             "units": document["units"],

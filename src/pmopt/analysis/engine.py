@@ -116,7 +116,6 @@ class Engine:
         self._scale = np.where(slides, model.stat.extent, 1.0)
         self._select = np.eye(model.nv)[self._columns]
         self._bodies = [model.body(name).id for name in bodies]
-        self._none = np.zeros(model.nv)
 
     @property
     def version(self) -> str:
@@ -263,15 +262,19 @@ class Engine:
     def joint_masses(self) -> Vector:
         """Return the mass or inertia (n,) that each actuated joint feels, the others free.
 
-        At the model's own pose, kg or kg m^2: 1 / (M^-1)_ii of the mass matrix by these joints.
+        At the model's own pose, kg or kg m^2: 1 / (M^-1)_ii of the mass matrix by these joints, which
+        inverse dynamics at rest tell column by column.
         """
         q = np.array(self.model.qpos0)
         partial, _ = self.partial(q)
-        self._free.qpos[:] = q
-        self._mj.mj_fwdPosition(self._open, self._free)
-        whole = np.empty((self.model.nv, self.model.nv))
-        self._mj.mj_fullM(self._open, self._free, whole)
-        matrix = partial.T @ whole @ partial
+        data = self._free
+        data.qpos[:], data.qvel[:] = q, 0.0
+        momenta = []
+        for change in (np.zeros(len(partial)), *partial.T):
+            data.qacc[:] = change
+            self._mj.mj_inverse(self._open, data)
+            momenta.append(data.qfrc_inverse.copy())
+        matrix = (np.array(momenta[1:]) - momenta[0]) @ partial
         return np.asarray(1 / np.diag(np.linalg.inv(matrix)))
 
     @contextmanager

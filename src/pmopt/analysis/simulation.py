@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmopt.analysis.dynamics import GRAVITY
 from pmopt.analysis.engine import Engine
 from pmopt.analysis.mjcf import to_mjcf
-from pmopt.analysis.motion import Motion
+from pmopt.analysis.motion import Course, Motion
 from pmopt.analysis.motion_config import EngineSettings, MotionTask
 from pmopt.analysis.multibody import Tree, build_tree
 from pmopt.errors import InputError, PmoptError
@@ -168,13 +168,14 @@ def simulate_motion(
     engine = Engine(model, names, bodies)
     factor = joint_factors(task)
     course = motion.joints
+    values = unwrapped(course)
     followed = engine.inverse(
-        motion.t, course.values * factor, course.rates * factor, course.accelerations * factor
+        motion.t, values * factor, course.rates * factor, course.accelerations * factor
     )
     unit = METRES[task.mechanism.length_unit]
     own = np.stack([motion.centres[name][:, 0] for name in bodies], axis=1) * unit
     inverse = _compared(
-        motion.t, motion.effort, followed.efforts, followed.joints / factor - course.values
+        motion.t, motion.effort, followed.efforts, followed.joints / factor - values
     )
     forward, hold, gains = None, None, None
     if fine is not None and task.config.controller is not None:
@@ -192,6 +193,14 @@ def joint_factors(task: MotionTask) -> Vector:
     """Return what turns positions of the actuated joints to m and rad."""
     unit = METRES[task.mechanism.length_unit]
     return np.array([unit if c.kind == "length" else 1.0 for c in task.mechanism.joints])
+
+
+def unwrapped(course: Course) -> Values:
+    """Return positions along a motion with angles that do not jump by a turn: an engine counts."""
+    values = course.values.copy()
+    angles = [k for k, c in enumerate(course.coordinates) if c.kind == "angle"]
+    values[:, angles] = np.unwrap(values[:, angles], axis=0)
+    return values
 
 
 def _compared(t: Vector, effort: Values, engine_effort: Values, tracking: Values) -> Comparison:
@@ -238,7 +247,7 @@ def run_forward(
     size = task.mechanism.characteristic_length(task.parameters)
     far = np.array([_LOST * size if c.kind == "length" else _LOST
                     for c in fine.joints.coordinates])  # fmt: skip
-    wanted, speeds = fine.joints.values, fine.joints.rates
+    wanted, speeds = unwrapped(fine.joints), fine.joints.rates
     ahead = fine.effort[1::2]
     if not controller.feedforward:
         ahead = np.broadcast_to(balance, ahead.shape)

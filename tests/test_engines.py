@@ -389,8 +389,14 @@ def test_feedback_alone_finds_the_efforts():
 def test_a_finer_step_of_the_engine_comes_nearer():
     errors = []
     for step in (0.002, 0.001, 0.0005):
-        task = task_of("3-ups-sp", DESIGNS["3-ups-sp"][0], duration=0.3, step=0.01,
-                       engine={"step": step}, controller={"feedforward": True, "hold": 0.002})
+        task = task_of(
+            "3-ups-sp",
+            DESIGNS["3-ups-sp"][0],
+            duration=0.3,
+            step=0.01,
+            engine={"step": step},
+            controller={"feedforward": True, "hold": 0.002},
+        )
         found = simulate_motion(task, moved(task), moved(task, 0.001)).forward
         errors.append(np.sqrt((found.error**2).mean()))
     assert errors[0] > errors[1] > errors[2]

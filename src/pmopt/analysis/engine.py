@@ -7,10 +7,12 @@ Jacobian J, as MuJoCo computes them, close the loops, and S picks the actuated c
     [J; S] v = [0; v_a]          rates of all tree coordinates
     [J; S] a = [-J' v; a_a]      accelerations
 
-in least squares, as equations may say the same twice. J' v is the derivative of J(q) v along q(t)
-with v held, by differences of 8th order. With the efforts f that MuJoCo's inverse
-dynamics asks of the open tree, f = S^T effort + J^T lambda; the columns of V, the rates by unit rates
-of the actuated joints, are in the null space of J, hence effort = V^T f.
+in least squares, as equations may say the same twice. J' v is the derivative of J(q) v along
+q(t) with v held, by differences of 8th order. MuJoCo's inverse dynamics asks of the open tree
+f = S^T effort + J^T lambda; the columns of V, the rates by unit rates of the actuated joints, are
+in the null space of J and S V = 1, hence::
+
+    effort = V^T f
 """
 
 from __future__ import annotations
@@ -124,9 +126,7 @@ class Engine:
 
     # -- inverse dynamics --------------------------------------------------------------
 
-    def inverse(
-        self, t: Vector, joints: Values, rates: Values, accelerations: Values
-    ) -> Followed:
+    def inverse(self, t: Vector, joints: Values, rates: Values, accelerations: Values) -> Followed:
         """Return what drives a motion, and where it leads.
 
         Parameters
@@ -184,7 +184,7 @@ class Engine:
             self._mj.mj_integratePos(self.model, q, step, 1.0)
         gap = float(np.abs(missed).max())
         if not gap <= _OPEN * max(size, 1.0):
-            raise PmoptError(f"the engine's loops do not close: a gap of {gap:.3g} (m, rad) is left")
+            raise PmoptError(f"the engine's loops do not close: {gap:.3g} (m, rad) are left")
         return q, gap
 
     def _constraints(self, q: Vector) -> tuple[Matrix, Vector]:
@@ -262,8 +262,8 @@ class Engine:
     def joint_masses(self) -> Vector:
         """Return the mass or inertia (n,) that each actuated joint feels, the others free.
 
-        At the model's own pose, kg or kg m^2: 1 / (M^-1)_ii of the mass matrix by these joints, which
-        inverse dynamics at rest tell column by column.
+        At the model's own pose, kg or kg m^2: 1 / (M^-1)_ii of the mass matrix by these joints,
+        which inverse dynamics at rest tell column by column.
         """
         q = np.array(self.model.qpos0)
         partial, _ = self.partial(q)

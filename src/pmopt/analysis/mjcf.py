@@ -30,7 +30,8 @@ _COLOURS = (
     "0.18 0.36 0.54 1", "0.76 0.34 0.23 1", "0.31 0.54 0.31 1", "0.54 0.35 0.66 1",
     "0.69 0.54 0.18 1",
 )  # fmt: skip
-_PLATFORM_COLOUR, _BASE_COLOUR, _DRIVE_COLOUR = "0.45 0.45 0.48 1", "0.6 0.6 0.6 1", "0.89 0.2 0.18 1"
+_PLATFORM_COLOUR, _BASE_COLOUR = "0.45 0.45 0.48 1", "0.6 0.6 0.6 1"
+_DRIVE_COLOUR = "0.89 0.2 0.18 1"
 #: Radii of what is drawn, as shares of the size.
 _THICK, _THIN, _BALL = 0.016, 0.009, 0.024
 
@@ -53,8 +54,7 @@ def to_mjcf(tree: Tree, step: float = STEP) -> str:
         solver="Newton", iterations="50", tolerance="1e-14", jacobian="dense",
     )  # fmt: skip
     Xml.SubElement(option, "flag", contact="disable", refsafe="disable")
-    statistic = {"extent": _text([1.2 * tree.size]), "center": _text(tree.centre)}
-    Xml.SubElement(root, "statistic", **statistic)
+    Xml.SubElement(root, "statistic", extent=_text([1.2 * tree.size]), center=_text(tree.centre))
     visual = Xml.SubElement(root, "visual")
     Xml.SubElement(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.6 0.6 0.6",
                    specular="0 0 0")  # fmt: skip
@@ -66,11 +66,8 @@ def to_mjcf(tree: Tree, step: float = STEP) -> str:
     default = Xml.SubElement(root, "default")
     # Nothing that is drawn has a mass or touches anything.
     Xml.SubElement(default, "geom", contype="0", conaffinity="0", mass="0", group="1")
-    softness = {
-        "solref": _text([TIME_CONSTANT * step, 1.0]),
-        "solimp": _text([IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]),
-    }
-    Xml.SubElement(default, "equality", **softness)
+    Xml.SubElement(default, "equality", solref=_text([TIME_CONSTANT * step, 1.0]),
+                   solimp=_text([IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]))  # fmt: skip
     Xml.SubElement(default, "site", size=_text([0.3 * _THIN * tree.size]), rgba="0 0 0 0")
     _write_bodies(Xml.SubElement(root, "worldbody"), tree)
     tendons, equality = Xml.Element("tendon"), Xml.Element("equality")
@@ -82,8 +79,8 @@ def to_mjcf(tree: Tree, step: float = STEP) -> str:
         Xml.SubElement(equality, "connect", name=name, site1=f"{name}/end", site2=f"{name}/seat")
         for k in range(len(closure.perpendicular)):
             pair = f"{name}/pair {k + 1}"
-            spatial = Xml.SubElement(tendons, "spatial", name=pair, width=_text([0.1 * _THIN * tree.size]),
-                                     rgba="0 0 0 0")  # fmt: skip
+            spatial = Xml.SubElement(tendons, "spatial", name=pair, rgba="0 0 0 0",
+                                     width=_text([0.1 * _THIN * tree.size]))  # fmt: skip
             for end in ("end", "seat"):
                 Xml.SubElement(spatial, "site", site=f"{pair} {end}")
             Xml.SubElement(equality, "tendon", name=pair, tendon1=pair)
@@ -111,11 +108,11 @@ def _write_bodies(world: Xml.Element, tree: Tree) -> None:
                               xyaxes=_text([*turned[:, 0], *turned[:, 1]]))  # fmt: skip
         places[number] = (body, link.origin, link.rotation)
         for freedom in link.freedoms:
-            given = {"pos": _text(_seen(link, freedom.point))}
+            joint = Xml.SubElement(body, "joint", name=freedom.name, type=freedom.kind,
+                                   pos=_text(_seen(link, freedom.point)))  # fmt: skip
             if freedom.kind != "ball":
-                given["axis"] = _text(link.rotation.T @ freedom.axis)
-                given["ref"] = _text([freedom.start])
-            Xml.SubElement(body, "joint", name=freedom.name, type=freedom.kind, **given)
+                joint.set("axis", _text(link.rotation.T @ freedom.axis))
+                joint.set("ref", _text([freedom.start]))
         _draw_link(body, link, tree)
         for one in link.bodies:
             _write_mass(body, one)
@@ -135,17 +132,15 @@ def _seen(link: Link, point: Vector) -> Vector:
 def _write_mass(parent: Xml.Element, body: Body) -> None:
     inertia: Matrix = np.asarray(body.inertia)
     element = Xml.SubElement(parent, "body", name=body.name)
+    inertial = Xml.SubElement(element, "inertial", pos=_text(body.centre), mass=_text([body.mass]))
     if np.array_equal(inertia, np.diag(np.diag(inertia))):
-        tensor = {"diaginertia": _text(np.diag(inertia))}
+        inertial.set("diaginertia", _text(np.diag(inertia)))
     else:
         order = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
-        tensor = {"fullinertia": _text(inertia[i, j] for i, j in order)}
-    Xml.SubElement(element, "inertial", pos=_text(body.centre), mass=_text([body.mass]), **tensor)
+        inertial.set("fullinertia", _text(inertia[i, j] for i, j in order))
 
 
-def _write_sites(
-    body: Xml.Element, link: Link, closure: Closure, side: int, size: float
-) -> None:
+def _write_sites(body: Xml.Element, link: Link, closure: Closure, side: int, size: float) -> None:
     end = ("end", "seat")[side]
     Xml.SubElement(body, "site", name=f"{closure.name}/{end}",
                    pos=_text(_seen(link, closure.point)))  # fmt: skip
@@ -160,9 +155,6 @@ def _write_sites(
 
 
 def _write_base(world: Xml.Element, tree: Tree) -> None:
-    above = -tree.gravity / max(float(np.linalg.norm(tree.gravity)), 1e-9)
-    Xml.SubElement(world, "light", pos=_text(3 * tree.size * above), dir=_text(-above),
-                   type="directional", castshadow="false")  # fmt: skip
     count = len(tree.base)
     for k in range(count if count > 2 else 1):
         _capsule(world, tree.base[k], tree.base[(k + 1) % count], _THIN * tree.size, _BASE_COLOUR)
@@ -203,9 +195,7 @@ def _draw_link(body: Xml.Element, link: Link, tree: Tree) -> None:
         )  # fmt: skip
 
 
-def _capsule(
-    parent: Xml.Element, start: Vector, end: Vector, radius: float, colour: str
-) -> None:
+def _capsule(parent: Xml.Element, start: Vector, end: Vector, radius: float, colour: str) -> None:
     if float(np.linalg.norm(end - start)) > 0.1 * radius:
         Xml.SubElement(parent, "geom", type="capsule", fromto=_text([*start, *end]),
                        size=_text([radius]), rgba=colour)  # fmt: skip

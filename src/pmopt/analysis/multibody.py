@@ -327,14 +327,14 @@ class _Builder:
                 bars = self._bodies((limb, k, "bars"))
                 if bars:
                     assert joint.bar is not None
-                    path = (joint.point, joint.point + joint.bar)
+                    path: tuple[Vector, ...] = (joint.point, joint.point + joint.bar)
                     parent = self._emit(f"{name} bars", parent, bar_frame(joint),
                                         (*pending, freedoms[0]), bars, limb, path)  # fmt: skip
                     pending, freedoms = [], freedoms[1:]
             pending += freedoms
             if k == last:
                 bodies = self._bodies((PLATFORM, -1, "link"))
-                bodies = bodies or self._nearly_nothing("platform", np.zeros(3))
+                bodies = bodies or self._nearly_nothing("platform")
                 self.platform = self._emit("platform/link", parent, frames[k], tuple(pending),
                                            bodies, PLATFORM, (frames[k][0], *ends))  # fmt: skip
                 return
@@ -342,7 +342,7 @@ class _Builder:
             following = chain.joints[k + 1]
             needed = k + 1 == last and not carries
             if not bodies and (needed or not _stack(pending, following)):
-                bodies = self._nearly_nothing(name, np.zeros(3))
+                bodies = self._nearly_nothing(name)
             if bodies:
                 start = joint.point if joint.bar is None else joint.point + joint.bar
                 start = frames[k][0] if joint.kind in ("P", "C") else start
@@ -354,10 +354,10 @@ class _Builder:
     def _bodies(self, key: tuple[int, int, str]) -> tuple[Body, ...]:
         return tuple(self.masses.get(key, ()))
 
-    def _nearly_nothing(self, name: str, centre: Vector) -> tuple[Body, ...]:
+    def _nearly_nothing(self, name: str) -> tuple[Body, ...]:
         mass = NEGLIGIBLE * self.total
         inertia = mass * (0.1 * self.size) ** 2 * np.eye(3)
-        return (Body(f"{name} (negligible)", 0, 0, mass, centre, inertia),)
+        return (Body(f"{name} (negligible)", 0, 0, mass, np.zeros(3), inertia),)
 
     def _emit(
         self, name: str, parent: int, frame: Frame, freedoms: tuple[Freedom, ...],

@@ -18,10 +18,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from pmopt.analysis.dynamics import GRAVITY
+from pmopt.analysis.kinematics import inverse_kinematics
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import PLATFORM, Chain, Joint, Matrix, Mechanism, Parameters, Vector
 from pmopt.mechanisms.bodies import Body
@@ -243,6 +245,41 @@ def build_tree(
         tuple(chain.joints[0].point for chain in chains),
         (points.min(axis=0) + points.max(axis=0)) / 2, builder.size, np.array(gravity, float),
     )  # fmt: skip
+
+
+def declared_tree(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None = None,
+    pose: Mapping[str, Any] | None = None,
+    working_mode: str | None = None,
+    where: str = "pose",
+) -> Tree:
+    """Return a mechanism with its own bodies and gravity as a tree.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    pose : mapping, optional
+        Default: the declared home.
+    working_mode : str, optional
+        Default: the mechanism's first.
+    where : str
+        What errors call the pose.
+
+    Raises
+    ------
+    InputError
+        For unknown names and a pose out of reach.
+    """
+    parameters = mechanism.resolve(params or {})
+    mode = mechanism.check_mode(working_mode)
+    given = mechanism.home(parameters) if pose is None else pose
+    found = inverse_kinematics(mechanism, parameters, given, mode, where=where)
+    gravity = [GRAVITY * d for d in mechanism.down]
+    bodies = mechanism.bodies(parameters)
+    return build_tree(mechanism, parameters, found.pose, mode, bodies, gravity)
 
 
 def _in_metres(chain: Chain, unit: float) -> Chain:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from pmopt.analysis.kinematics import inverse_kinematics
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
@@ -36,9 +35,8 @@ def export_command(
     Example:
       pmopt export 2uu-upu --out 2uu-upu.xml --force
     """
-    from pmopt.analysis.dynamics import GRAVITY
     from pmopt.analysis.mjcf import to_mjcf
-    from pmopt.analysis.multibody import build_tree
+    from pmopt.analysis.multibody import declared_tree
     from pmopt.files import write_atomic
 
     if out.exists() and not force:
@@ -46,11 +44,8 @@ def export_command(
     parameters = options.design_parameters(mechanism, params)
     mode = mechanism.check_mode(working_mode, "--working-mode")
     given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
-    found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
-    gravity = [GRAVITY * d for d in mechanism.down]
-    tree = build_tree(
-        mechanism, parameters, found.pose, mode, mechanism.bodies(parameters), gravity
-    )
+    at = mechanism.check_coordinates(given, mechanism.pose, "--pose")
+    tree = declared_tree(mechanism, parameters, at, mode, "--pose")
     write_atomic(out, to_mjcf(tree, step))
     notifier(quiet)(f"written to {out}")
     rows = tuple(
@@ -60,11 +55,11 @@ def export_command(
     )  # fmt: skip
     emit(
         form,
-        {"mechanism": mechanism.name, "file": str(out), "pose": found.pose, "working_mode": mode,
+        {"mechanism": mechanism.name, "file": str(out), "pose": at, "working_mode": mode,
          "links": [dict(zip(("name", "mass", "joints", "actuated"), row, strict=True))
                    for row in rows],
          "loops": [closure.name for closure in tree.closures],
-         "units": {**found.units, "mass": "kg"}},
+         "units": {**{c.name: mechanism.unit(c) for c in mechanism.pose}, "mass": "kg"}},
         [Table(f"{mechanism.name}, {mode}: links of the model",
                ("link", "mass", "joints", "actuated"), rows, {"mass": "kg"},
                (f"loops closed at the end of {', '.join(c.name for c in tree.closures)}",))],

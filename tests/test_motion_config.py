@@ -13,6 +13,7 @@ from strategies import junk, places, put
 from pmopt.analysis.motion_config import load_motion, resolve_motion
 from pmopt.analysis.trajectories import plan_trajectory
 from pmopt.errors import InputError
+from pmopt.mechanisms import find
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.mechanisms.bodies import STEEL
 
@@ -183,6 +184,19 @@ REFUSED = [
 @pytest.mark.parametrize(("tables", "told"), REFUSED)
 def test_refused_in_one_line(tables, told):
     assert told in refusal(config() | tables)
+
+
+def test_efforts_need_masses(monkeypatch):
+    mechanism = find("2pauu-ppap")
+    monkeypatch.setattr(type(mechanism), "bodies", lambda self, parameters: ())
+    assert resolve(config()).bodies == ()
+    assert "limits: d_effort needs masses" in refusal(config(limits={"d_effort": [0, 1]}))
+    assert "limits: theta1_power needs masses" in refusal(config(limits={"theta1_power": [0, 1]}))
+    assert "payload: 2pauu-ppap has no bodies" in refusal(config(payload={"mass": 1.0}))
+    assert "bodies.a: limb is missing: limb and joint" in refusal(config(bodies={"a": {}}))
+    bodies = {"a": {"limb": "platform", "mass": 1.0}}
+    task = resolve(config(bodies=bodies, payload={"mass": 1.0}, limits={"d_effort": [0, 1]}))
+    assert [b.name for b in task.bodies] == ["a"]
 
 
 @pytest.mark.parametrize("data", [{}, {"mechanism": "3-cur"}, [], 3, None])

@@ -234,6 +234,19 @@ def test_limits_of_rates_efforts_and_power(short):
     assert strict_json(result.stdout)["infeasible"][0]["what"] == "d"
 
 
+def test_a_motion_without_masses(short, monkeypatch):
+    mechanism = find("2pauu-ppap")
+    monkeypatch.setattr(type(mechanism), "bodies", lambda self, parameters: ())
+    result = here("motion", "m.toml", "--out", "run", cwd=short)
+    assert result.returncode == 0, result.stderr
+    assert "no efforts: the mechanism has no masses" in result.stdout
+    assert "effort |" not in result.stdout
+    names = files_in(short / "run")
+    assert not {"centres.csv", "centres.png", "efforts.png", "power.png"} & set(names)
+    head = (short / "run/motion.csv").read_text().splitlines()[0]
+    assert "d_acceleration" in head and "effort" not in head
+
+
 def test_payload_and_gravity_change_efforts(short):
     def peak():
         found = json_answer("motion", "m.toml", cwd=short)["actuators"][0]["effort"]["peak"]

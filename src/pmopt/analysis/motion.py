@@ -285,7 +285,7 @@ def followed_coordinates(mechanism: Mechanism) -> tuple[Coordinate, ...]:
     return tuple(found)
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last number of every stretch of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -302,7 +302,7 @@ def _out_of_reach(
 ) -> list[Span]:
     """Return the stretches that no limb reaches or some limit excludes, each by its reason."""
     spans = []
-    for first, last in _runs(out):
+    for first, last in stretches(out):
         looks = np.unique(np.linspace(first, last, _LOOKS).astype(int)).tolist()
         looks.append(first + int(np.argmin(margin[first : last + 1])))
         misses = []
@@ -385,7 +385,7 @@ def _singular(
     words = "a singularity: the actuated joints do not hold the platform, efforts have no bound"
     spans = [
         Span(a, b, a, "singularity", float(index[a]), "1", f"LCI = {index[a]:.3g}: {words}")
-        for a, b in _runs(near)
+        for a, b in stretches(near)
     ]
     told = np.flatnonzero(feasible & ~near)
     with np.errstate(invalid="ignore"):

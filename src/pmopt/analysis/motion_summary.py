@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pmopt.analysis.motion import Motion, Span
+from pmopt.analysis.motion import Motion, Span, stretches
 from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.mechanisms.base import Mechanism, Ranges, Vector
 from pmopt.units import WATT, effort_unit, per_second
-
-Values = NDArray[np.float64]
 
 
 class Series(NamedTuple):
@@ -128,7 +124,7 @@ def broken_limits(motion: Motion, mechanism: Mechanism, limits: Ranges) -> tuple
         with np.errstate(invalid="ignore"):
             miss = np.maximum(low - values, values - high)
         miss = np.where(np.isnan(miss), -np.inf, miss)
-        for first, last in _runs(miss > 0):
+        for first, last in stretches(miss > 0):
             worst = first + int(np.argmax(miss[first : last + 1]))
             value = float(values[worst])
             side, limit = ("below", low) if value < low else ("above", high)
@@ -139,10 +135,3 @@ def broken_limits(motion: Motion, mechanism: Mechanism, limits: Ranges) -> tuple
                 )
             )  # fmt: skip
     return tuple(sorted(spans, key=lambda span: (span.first, span.what)))
-
-
-def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield first and last number of each run of true flags."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    for first, after in zip(edges[::2], edges[1::2], strict=True):
-        yield int(first), int(after) - 1

@@ -15,7 +15,6 @@ from pmopt.analysis.motion_config import MotionTask
 from pmopt.analysis.motion_summary import Demand, broken_limits, columns, demands
 from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
-from pmopt.errors import InputError
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import per_second
@@ -157,9 +156,6 @@ def run_motion(
         threads=threads,
         notify=notify,
     )
-    needed = [name for name in task.other_limits if name.endswith(("_effort", "_power"))]
-    if needed and motion.effort is None:
-        raise InputError(f"{task.where}: limits: {needed[0]} needs masses: [bodies] is needed")
     spans = [*motion.infeasible, *broken_limits(motion, task.mechanism, task.other_limits)]
     infeasible = tuple(sorted(spans, key=lambda span: (span.first, span.last)))
     run = MotionRun(

@@ -455,6 +455,10 @@ def test_simulate_t1(tmp_path):
     assert again.returncode == 2
     twice = here("simulate", "t1.toml", "--out", "run2", "--format", "json", cwd=tmp_path)
     assert twice.stdout == result.stdout
+    drawn = (tmp_path / "run2" / "simulate.png").read_bytes()
+    (tmp_path / "run2" / "simulate.png").write_bytes(b"")
+    assert here("plot", "run2", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "run2" / "simulate.png").read_bytes() == drawn
     for name in sorted(files - {"manifest.json"}):
         assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "run2" / name).read_bytes()
 

@@ -289,13 +289,13 @@ def controller_gains(task: MotionTask, engine: Engine) -> dict[str, Vector]:
     assert controller is not None
     joints = task.mechanism.joints
     given = {"kp": controller.kp, "ki": controller.ki, "kd": controller.kd}
-    if not controller.model_fields_set & given.keys():
+    if all(gain is None for gain in given.values()):
         speed = min(BANDWIDTH / holds(task)[0], FASTEST)
         mass = engine.joint_masses() * joint_factors(task)
         return {"kp": speed**2 * mass, "ki": 0 * mass, "kd": 2 * speed * mass}
     return {
         name: np.array([gain.get(c.name, 0.0) for c in joints])
-        if isinstance(gain, Mapping) else np.full(len(joints), gain)
+        if isinstance(gain, Mapping) else np.full(len(joints), gain or 0.0)
         for name, gain in given.items()
     }  # fmt: skip
 

@@ -20,7 +20,7 @@ from pmopt.analysis.simulation import (
     simulate_motion,
 )
 from pmopt.errors import InputError
-from pmopt.reporting.motion_run import MotionRun, run_motion
+from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import effort_unit
@@ -189,31 +189,39 @@ def _agreements(task: MotionTask, simulation: Simulation) -> Iterator[Agreement]
 
 
 def _write(run: SimulationRun, folder: RunFolder) -> None:
-    from pmopt.reporting import simulation_plots  # what draws takes long to import
-
+    drawn = draw_run(run)  # before anything is written: it may fail
     simulation = run.simulation
-    mode, shown = run.shown
-    drawn = simulation_plots.draw_comparison(run.task, simulation, shown, mode)
+    mode, _ = run.shown
     folder.open()
     folder.write("simulate.csv", to_csv([series_table(run)]) + "\n")
     if mode == "forward":
         folder.write("inverse.csv", to_csv([series_table(run, simulation.inverse)]) + "\n")
     folder.write("summary.csv", to_csv([summary_table(run)]) + "\n")
     folder.write("model.xml", simulation.model)
-    folder.write("simulate.png", drawn)
+    for name, data in drawn.items():
+        folder.write(name, data)
     document = run.to_dict()
     folder.close(
         "simulate",
         {
             "mechanism": run.task.mechanism.name,
-            "config": run.task.to_dict(),
+            **write_origin(run.task, folder),
             "engine": document["engine"],
             "controller": document["controller"],
             "seed": None,
             "resumes": [],
-            "units": document["units"],
+            "units": document["units"] | {"mass": "kg", "centre": run.task.mechanism.length_unit,
+                                          "inertia": "kg m^2"},
         },
-    )
+    )  # fmt: skip
+
+
+def draw_run(run: SimulationRun) -> dict[str, bytes]:
+    """Return the pictures of a run by file name."""
+    from pmopt.reporting import simulation_plots  # what draws takes long to import
+
+    mode, shown = run.shown
+    return {"simulate.png": simulation_plots.draw_comparison(run.task, run.simulation, shown, mode)}
 
 
 def series_table(run: SimulationRun, found: Comparison | None = None) -> Table:

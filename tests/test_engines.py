@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_runner import CONFIGS, csv_rows, here, pmopt
+from cli_runner import CONFIGS, csv_rows, error_line, here, pmopt, strict_json
 
-from pmopt import simulate
+from pmopt import ik, mjcf, simulate
 from pmopt.analysis.dynamics import Mover
 from pmopt.analysis.engine import Engine
 from pmopt.analysis.mjcf import to_mjcf
@@ -416,7 +416,7 @@ def test_simulate_t1(tmp_path):
     (tmp_path / "t1.toml").write_text(T1)
     result = pmopt("simulate", "t1.toml", "--out", "run", "--format", "json", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    document = json.loads(result.stdout)
+    document = strict_json(result.stdout)
     assert document["agrees"]
     assert {j["mode"] for j in document["joints"]} == {"inverse", "forward"}
     for joint in document["joints"]:
@@ -481,7 +481,7 @@ def test_bodies_and_equations_of_the_page():
     for name in DESIGNS:
         task, motion = case(name, 0)
         tree = tree_of(task, start_of(motion))
-        engine = Engine(to_mjcf(tree), tree.actuated)
+        engine = engine_of(task, motion)
         rows = len(engine.partial(engine.model.qpos0)[1])
         dependent = rows - (engine.model.nv - len(task.mechanism.joints))
         assert f"| {name} | {len(tree.links)} | {engine.model.nv} | {rows} | {dependent} |" in page
@@ -508,9 +508,34 @@ def test_series_without_controller(tmp_path):
 
 def test_infeasible_motion_is_refused(tmp_path):
     result = here("simulate", CONFIGS / "motion" / "2uu-upu-eq16.toml", cwd=tmp_path)
-    assert result.returncode == 2
-    assert "infeasible at" in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+    assert "infeasible at" in error_line(result)
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ("[controller]\nhold = 0.0025", "controller.hold=0.0025 is not allowed: a whole number"),
+        ("[controller]\nhold = 3.0", "controller.hold=3 is not allowed: at least one"),
+        ("[engine]\nstep = 1e-6\n[controller]\nhold = 2e-6", "controller.hold=2e-06"),
+        ('[engine]\nname = "adams"', "engine.name"),
+        ("[engine]\nstep = 0.0", "engine.step"),
+        ("[engine]\ntolerance = -1.0", "engine.tolerance"),
+        ("[controller]\nkp = {theta9 = 1.0}", "controller.kp: unknown name 'theta9'"),
+    ],
+)
+def test_bad_tables_are_one_line(tables, said, tmp_path):
+    (tmp_path / "t1.toml").write_text(T1.split("[controller]")[0] + tables)
+    line = error_line(here("simulate", "t1.toml", cwd=tmp_path))
+    assert line.startswith("error: t1.toml: ")
+    assert said in line
+
+
+def test_gains_that_no_motion_survives(tmp_path):
+    (tmp_path / "t1.toml").write_text(T1.replace("feedforward = true", "kp = 1e12"))
+    line = error_line(here("simulate", "t1.toml", "--out", "run", cwd=tmp_path), code=1)
+    assert "the controller loses the motion at t = " in line
+    assert not (tmp_path / "run").exists()
+    assert not list(tmp_path.glob("MUJOCO_LOG*"))
 
 
 def test_missing_engine_is_one_line(tmp_path, monkeypatch):
@@ -531,7 +556,7 @@ def test_export(name, tmp_path, monkeypatch):
         patch.setitem(sys.modules, "mujoco", None)  # a model is made without the engine
         result = here("export", name, "--out", "model.xml", "--format", "json", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    document = json.loads(result.stdout)
+    document = strict_json(result.stdout)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -550,10 +575,24 @@ def test_export(name, tmp_path, monkeypatch):
 
 
 def test_export_at_a_pose(tmp_path):
-    args = ("export", "3-cur", "--pose", "z=0.35,beta=0.1,gamma=0.05", "--out", "m.xml")
-    assert here(*args, "--params", "L=0.3", cwd=tmp_path).returncode == 0
-    far = here("export", "3-cur", "--pose", "z=3,beta=0,gamma=0", "--out", "n.xml", cwd=tmp_path)
-    assert far.returncode in (0, 2)
-    bad = here("export", "3-ups-sp", "--pose", "phi=0,theta=0,psi=0,l4=-1", "--out", "n.xml",
-               "--step", "1", cwd=tmp_path)  # fmt: skip
-    assert bad.returncode == 2
+    import mujoco
+
+    pose = {"z": 0.35, "beta": 0.1, "gamma": 0.05}
+    given = ",".join(f"{k}={v}" for k, v in pose.items())
+    args = ("export", "3-cur", "--out", "m.xml", "--pose", given, "--params", "L=0.3")
+    assert here(*args, cwd=tmp_path).returncode == 0
+    text = (tmp_path / "m.xml").read_text()
+    assert text == mjcf("3-cur", pose, {"L": 0.3})
+    model = mujoco.MjModel.from_xml_string(text)
+    joints = ik("3-cur", pose, {"L": 0.3}, "up-up-up").solutions[0].joints
+    assert {k: model.joint(k).qpos0[0] for k in joints} == pytest.approx(joints, abs=1e-14)
+
+
+def test_export_refuses(tmp_path):
+    far = ("export", "2uu-upu", "--pose", "x=5,beta=0,gamma=0", "--out", "n.xml")
+    assert "misses" in error_line(here(*far, cwd=tmp_path))
+    slow = ("export", "3-cur", "--out", "n.xml", "--step", "1")
+    assert "--step" in error_line(here(*slow, cwd=tmp_path))
+    missing = ("export", "3-cur", "--out", "n.xml", "--pose", "z=0.35")
+    assert "beta is missing" in error_line(here(*missing, cwd=tmp_path))
+    assert not (tmp_path / "n.xml").exists()

@@ -99,14 +99,16 @@ def _text(values: Iterable[float]) -> str:
 
 def _write_bodies(world: Xml.Element, tree: Tree) -> None:
     _write_base(world, tree)
-    places = {BASE: (world, np.zeros(3), np.eye(3))}
+    base = Link("base", BASE, np.zeros(3), np.eye(3), (), (), PLATFORM, ())
+    links = {BASE: base} | dict(enumerate(tree.links))
+    elements = {BASE: world}
     for number, link in enumerate(tree.links):
-        above, origin, rotation = places[link.parent]
-        turned = rotation.T @ link.rotation
-        body = Xml.SubElement(above, "body", name=link.name,
-                              pos=_text(rotation.T @ (link.origin - origin)),
+        parent = links[link.parent]
+        turned = parent.rotation.T @ link.rotation
+        body = Xml.SubElement(elements[link.parent], "body", name=link.name,
+                              pos=_text(_seen(parent, link.origin)),
                               xyaxes=_text([*turned[:, 0], *turned[:, 1]]))  # fmt: skip
-        places[number] = (body, link.origin, link.rotation)
+        elements[number] = body
         for freedom in link.freedoms:
             joint = Xml.SubElement(body, "joint", name=freedom.name, type=freedom.kind,
                                    pos=_text(_seen(link, freedom.point)))  # fmt: skip
@@ -116,11 +118,9 @@ def _write_bodies(world: Xml.Element, tree: Tree) -> None:
         _draw_link(body, link, tree)
         for one in link.bodies:
             _write_mass(body, one)
-        for closure in tree.closures:
-            if number == closure.link:
-                _write_sites(body, link, closure, 0, tree.size)
-            if number == tree.platform:
-                _write_sites(body, link, closure, 1, tree.size)
+    for closure in tree.closures:
+        _write_sites(elements[closure.link], links[closure.link], closure, 0, tree.size)
+        _write_sites(elements[tree.platform], links[tree.platform], closure, 1, tree.size)
 
 
 def _seen(link: Link, point: Vector) -> Vector:

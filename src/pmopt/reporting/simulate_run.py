@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.engine import require_mujoco
-from pmopt.analysis.motion_config import MotionTask
+from pmopt.analysis.motion_config import MAX_INSTANTS, MotionTask
 from pmopt.analysis.simulation import (
     Comparison,
     Progress,
@@ -97,8 +97,18 @@ class SimulationRun:
             }  # fmt: skip
         return units | {
             "max_error": "%", "rms_error": "%", "tolerance": "%", "at": "s", "step": "s",
-            "hold": "s", "position_error": "m",
-        }  # fmt: skip
+            "hold": "s", "position_error": "m", "gap": "m, rad",
+        } | self._gain_units()  # fmt: skip
+
+    def _gain_units(self) -> dict[str, str]:
+        """Unit of each gain; of joints of both kinds one after the other."""
+        told: dict[str, list[str]] = {"kp": [], "ki": [], "kd": []}
+        for joint in self.simulation.joints:
+            effort, position = effort_unit(joint.kind), self.task.mechanism.unit(joint)
+            told["kp"].append(f"{effort}/{position}")
+            told["ki"].append(f"{effort}/({position} s)")
+            told["kd"].append(f"{effort} s/{position}")
+        return {gain: ", ".join(dict.fromkeys(units)) for gain, units in told.items()}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -126,6 +136,7 @@ class SimulationRun:
                 for a in self.agreements
             ],
             "position_error": simulation.position_error,
+            "gap": simulation.gap,
             "tolerance": settings.tolerance,
             "agrees": self.agrees,
             "units": self.units,
@@ -155,7 +166,7 @@ def run_simulation(
     motion = _feasible(task, threads, notify)
     fine = None
     if task.config.controller is not None:
-        hold, _ = holds(task)
+        hold = _checked_hold(task, motion)
         trajectory = task.config.trajectory.model_copy(update={"step": hold / 2})
         config = task.config.model_copy(update={"trajectory": trajectory})
         fine = _feasible(replace(task, config=config), threads, notify).motion
@@ -164,6 +175,19 @@ def run_simulation(
     if folder is not None:
         _write(run, folder)
     return run
+
+
+def _checked_hold(task: MotionTask, motion: MotionRun) -> float:
+    """Return the controller's hold, one that the motion is long and short enough for."""
+    hold, _ = holds(task)
+    t = motion.motion.t
+    duration = float(t[-1] - t[0])
+    if not hold <= duration < hold * MAX_INSTANTS / 2:
+        raise InputError(
+            f"{task.where}: controller.hold={hold:g} is not allowed: at least one and at most "
+            f"{MAX_INSTANTS // 2} holds in the motion's {duration:g} s are"
+        )
+    return hold
 
 
 def _feasible(task: MotionTask, threads: int | None, notify: Notify | None) -> MotionRun:

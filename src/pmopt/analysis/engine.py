@@ -58,6 +58,21 @@ def require_mujoco() -> Any:
     return mujoco
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the engine from writing warnings to a file in the working directory.
+
+    What they are about ends in an error of ours.
+    """
+    mujoco = require_mujoco()
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
 class Followed(NamedTuple):
     """What the engine's inverse dynamics tell of N instants.
 
@@ -99,6 +114,7 @@ class Engine:
 
     name = "mujoco"
 
+    @_quiet()
     def __init__(self, xml: str, actuated: Sequence[str], bodies: Sequence[str] = ()) -> None:
         self._mj = require_mujoco()
         try:
@@ -126,6 +142,7 @@ class Engine:
 
     # -- inverse dynamics --------------------------------------------------------------
 
+    @_quiet()
     def inverse(self, t: Vector, joints: Values, rates: Values, accelerations: Values) -> Followed:
         """Return what drives a motion, and where it leads.
 
@@ -239,6 +256,7 @@ class Engine:
 
     # -- forward -----------------------------------------------------------------------
 
+    @_quiet()
     def begin(self, joints: Vector, rates: Vector) -> None:
         """Place the model at rest or in motion, its loops closed."""
         q, _ = self.close(self.model.qpos0, joints)
@@ -252,13 +270,14 @@ class Engine:
         """Return positions and rates of the actuated joints."""
         return self.data.qpos[self._places].copy(), self.data.qvel[self._columns].copy()
 
+    @_quiet()
     def advance(self, efforts: Vector, steps: int) -> bool:
         """Hold these efforts for some steps; return whether the state is still finite."""
         self.data.ctrl[:] = efforts
-        with self._silent():
-            self._mj.mj_step(self.model, self.data, nstep=steps)
+        self._mj.mj_step(self.model, self.data, nstep=steps)
         return bool(np.isfinite(self.data.qpos).all() and self.data.time > 0.0)
 
+    @_quiet()
     def joint_masses(self) -> Vector:
         """Return the mass or inertia (n,) that each actuated joint feels, the others free.
 
@@ -276,13 +295,3 @@ class Engine:
             momenta.append(data.qfrc_inverse.copy())
         matrix = (np.array(momenta[1:]) - momenta[0]) @ partial
         return np.asarray(1 / np.diag(np.linalg.inv(matrix)))
-
-    @contextmanager
-    def _silent(self) -> Iterator[None]:
-        """Keep the engine from writing its warnings to a file of its own."""
-        before = self._mj.get_mju_user_warning()
-        self._mj.set_mju_user_warning(lambda text: None)
-        try:
-            yield
-        finally:
-            self._mj.set_mju_user_warning(before)

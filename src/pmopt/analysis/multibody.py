@@ -24,6 +24,7 @@ import numpy as np
 
 from pmopt.analysis.dynamics import GRAVITY
 from pmopt.analysis.kinematics import inverse_kinematics
+from pmopt.analysis.screws import rank
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import PLATFORM, Chain, Joint, Matrix, Mechanism, Parameters, Vector
 from pmopt.mechanisms.bodies import Body
@@ -415,13 +416,20 @@ class _Builder:
 
 
 def _stack(pending: Sequence[Freedom], following: Joint) -> bool:
-    """Return whether the freedoms of one more joint may be added to those of one link.
+    """Return whether one more joint's freedoms may be added to those of one body.
 
-    A ball and another turning joint may not be in one body of an engine.
+    A ball and another turning joint may not be in one body of an engine. Freedoms that say the
+    same, like two hinges on one axis, would leave the body without inertia against one another.
     """
     turns = any(f.kind != "slide" for f in pending)
     ball = any(f.kind == "ball" for f in pending)
-    return not (ball and following.kind != "P") and not (turns and following.kind == "S")
+    if (ball and following.kind != "P") or (turns and following.kind == "S"):
+        return False
+    freedoms = [*pending, *_freedoms(replace(following, drive=None), "", {})]
+    twists = [np.concatenate([np.zeros(3), f.axis]) if f.kind == "slide"
+              else np.concatenate([f.axis, np.cross(f.point - following.point, f.axis)])
+              for f in freedoms if f.kind != "ball"]  # fmt: skip
+    return rank(np.array(twists).T) == len(twists)
 
 
 def _seat(joint: Joint, centre: Vector) -> Vector:

@@ -91,6 +91,22 @@ def test_values_and_derivatives(formula, time):
     assert jet.second[0] == pytest.approx(second, rel=1e-6, abs=1e-6 * size)
 
 
+@pytest.mark.parametrize("name", sorted(FUNCTIONS))
+def test_every_function(name):
+    """Within all domains: rates by complex step, accelerations by differences of these."""
+    t, h = np.linspace(0, 3, 31), 1e-3
+
+    def function(t):
+        return NUMPY[name](0.5 + 0.3 * np.sin(2 * t))
+
+    jet = parse(f"{name}(0.5 + 0.3*sin(2*t))", {}, WHERE)(t)
+    np.testing.assert_allclose(jet.value, function(t), rtol=1e-14)
+    np.testing.assert_allclose(jet.first, derivative(function, t), rtol=1e-12, atol=1e-13)
+    weights = np.array([-1, 9, -45, 0, 45, -9, 1]) / (60 * h)
+    slopes = [derivative(function, t + k * h) for k in range(-3, 4)]
+    np.testing.assert_allclose(jet.second, weights @ slopes, rtol=1e-8, atol=1e-8)
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [

@@ -88,6 +88,9 @@ def test_shipped_motion(run):
     # The columns of the interface, in its order.
     positions = list(dict.fromkeys([*poses, *joints]))
     assert head[: 1 + len(positions)] == ["t", *positions]
+    angular = [f"omega_{axis}{ending}" for ending in ("", "_rate") for axis in "xyz"]
+    assert head[-8:] == [*angular, "kinetic_energy", "potential_energy"]
+    head = head[:-8]
     followed = [
         k for k in head[1:] if not k.endswith(("_rate", "_acceleration", "_effort", "_power"))
     ]
@@ -97,6 +100,9 @@ def test_shipped_motion(run):
     assert head[-2 * len(joints) :] == [
         f"{k}{ending}" for k in joints for ending in ("_effort", "_power")
     ]
+    power = sum(motion[f"{k}_power"] for k in joints)
+    change = np.gradient(motion["kinetic_energy"] + motion["potential_energy"], motion["t"])
+    assert np.quantile(np.abs(power - change), 0.9) < 2e-2 * np.abs(power).max()
     assert set(manifest["units"]) >= set(head)
     assert set(document["units"]) >= set(head)
     assert all(np.isfinite(column).all() for column in motion.values())
@@ -471,7 +477,7 @@ def made(values, rates):
     return mechanism, Motion(
         mechanism.name, mechanism.resolve({}), "out-out", t, Course(mechanism.pose, *whole), empty,
         Course(mechanism.joints, *whole), empty, None, None, None, None, {},
-        np.zeros((len(t), 2, 3)), (),
+        np.zeros((len(t), 2, 3)), (), (),
     )  # fmt: skip
 
 
@@ -504,3 +510,18 @@ def test_from_python(tmp_path):
         package.motion(
             {"mechanism": "2pauu-ppap", "trajectory": {k: table[k] for k in table if k != "z"}}
         )
+
+
+def test_without_efforts_a_singular_wall_is_passed_and_told(tmp_path):
+    text = (MOTIONS / "4-ups-rps-paper.toml").read_text().replace("# efforts", "efforts")
+    (tmp_path / "motion.toml").write_text(text)
+    result = here("motion", "motion.toml", "--out", "run", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "at t = 1 s LCI" in result.stdout
+    motion = numbers(tmp_path / "run" / "motion.csv")
+    assert not any("effort" in name or "energy" in name for name in motion)
+    assert all(np.isfinite(column).all() for column in motion.values())
+    # The models' page, at t = 0.
+    expected = [1205.1648814239, 1056.3768541278, 1111.3116223134, 1282.1937663912, 1286.5148540868]
+    found = [motion[f"l{k}"][0] for k in range(1, 6)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=6e-11)

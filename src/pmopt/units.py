@@ -15,6 +15,7 @@ ANGLE = "rad"
 #: A length unit in m.
 METRES: dict[LengthUnit, float] = {"m": 1.0, "mm": 1e-3}
 WATT = "W"
+JOULE = "J"
 #: Written where a number has no unit, so that every number has an entry.
 ONE = "1"
 

@@ -304,6 +304,7 @@ class MotionConfig(BaseModel):
     parameters: dict[str, Any] = Field(default_factory=dict)
     working_mode: str | None = None
     gravity: Triple | None = None
+    efforts: bool = True
     trajectory: TrajectorySettings
     bodies: dict[str, BodySettings] = Field(default_factory=dict)
     payload: PayloadSettings | None = None

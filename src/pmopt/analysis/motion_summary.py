@@ -11,7 +11,7 @@ import numpy as np
 from pmopt.analysis.motion import Motion, Span, stretches
 from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.mechanisms.base import Mechanism, Ranges, Vector
-from pmopt.units import WATT, effort_unit, per_second
+from pmopt.units import ANGLE, JOULE, WATT, effort_unit, per_second
 
 
 class Series(NamedTuple):
@@ -62,7 +62,8 @@ def columns(motion: Motion, mechanism: Mechanism) -> dict[str, Series]:
     """Return every quantity of a motion by the name its column has, in order.
 
     Pose, parasitic coordinates, joints and passive joints; then rate and acceleration of each; then
-    effort and power of the actuated joints. A joint that also is a pose coordinate stands once.
+    effort and power of the actuated joints; then angular velocity and acceleration of the platform
+    and energies. A joint that also is a pose coordinate stands once.
     """
     courses = (motion.pose, motion.parasitic, motion.joints, motion.passive)
     found: dict[str, Series] = {}
@@ -83,6 +84,14 @@ def columns(motion: Motion, mechanism: Mechanism) -> dict[str, Series]:
             found[f"{joint.name}{EFFORT}"] = Series(motion.effort[:, k], effort_unit(joint.kind))
         if motion.power is not None:
             found[f"{joint.name}{POWER}"] = Series(motion.power[:, k], WATT)
+    for order, ending in enumerate(("", RATE)):
+        for k, axis in enumerate("xyz"):
+            found[f"omega_{axis}{ending}"] = Series(
+                motion.angular[:, order, k], per_second(ANGLE, order + 1)
+            )
+    if motion.kinetic is not None and motion.potential is not None:
+        found["kinetic_energy"] = Series(motion.kinetic, JOULE)
+        found["potential_energy"] = Series(motion.potential, JOULE)
     return found
 
 

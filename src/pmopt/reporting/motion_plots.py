@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.motion import Motion
+from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.analysis.motion_summary import columns
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting.canvas import label, new_figure, parameter_text, to_png
@@ -63,7 +64,7 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
         units = dict.fromkeys(series[name].unit for name in known)
         panels = [
             _Panel(title, unit,
-                   {n.split("_")[0]: series[n].values for n in known if series[n].unit == unit})
+                   {_short(n): series[n].values for n in known if series[n].unit == unit})
             for unit in units
         ]  # fmt: skip
         if panels:
@@ -73,6 +74,13 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
             motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
         )
     return drawn
+
+
+def _short(name: str) -> str:
+    """Return the joint's name, without the quantity."""
+    for ending in (RATE, ACCELERATION, EFFORT, POWER):
+        name = name.removesuffix(ending)
+    return name
 
 
 def _centre_panels(motion: Motion, unit: str) -> list[list[_Panel]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -153,11 +153,17 @@ def run_motion(
         payload=task.payload,
         gravity=task.config.gravity,
         limits=task.joint_limits,
+        efforts=task.config.efforts,
         threads=threads,
         notify=notify,
     )
     spans = [*motion.infeasible, *broken_limits(motion, task.mechanism, task.other_limits)]
     infeasible = tuple(sorted(spans, key=lambda span: (span.first, span.last)))
+    if not task.config.efforts:
+        passed = tuple(f"passes {span.text}" if span.text.startswith("between") else
+                       f"at t = {motion.t[span.first]:.9g} s {span.text}"
+                       for span in motion.singular)  # fmt: skip
+        planned = replace(planned, notes=(*planned.notes, *passed))
     run = MotionRun(
         task, planned, motion,
         () if motion.infeasible else demands(motion, task.mechanism), infeasible,
@@ -253,7 +259,8 @@ def summary_table(run: MotionRun) -> Table:
         *run.planned.notes,
     ]
     if run.motion.effort is None:
-        notes.append("no efforts: the mechanism has no masses")
+        why = "the mechanism has no masses" if run.task.config.efforts else "not asked for"
+        notes.append(f"no efforts: {why}")
     return Table(
         f"{run.motion.mechanism}: what the motion asks of the actuators",
         ("joint", "quantity", "min", "max", "peak", "at", "rms", "unit"), rows, {"at": "s"},

@@ -39,6 +39,11 @@ def test_sweep_runs():
     assert re.search(r"^pmopt, 1 thread +[\d.]+ +[\d.]+ +[\d.]+ +1\.00$", text, re.M)
 
 
+def test_dynamics_runs():
+    text = run("dynamics.py", "--instants", 500, "--pairs", 1, "3-cur-eq16")
+    assert "errors below 1e-06 %" in text
+
+
 def test_commands_run():
     text = run("commands.py", "--repeats", 1, "--generations", 2, "--warm")
     assert "pmopt workspace 2pauu-ppap" in text

@@ -28,6 +28,7 @@ COMMANDS = {
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
     "certify": ("pmopt.cli.certify", "Prove or refute dexterity at every pose of a box."),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
+    "batch": ("pmopt.cli.batch", "Many runs on many cores or machines."),
     "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
     "draw": ("pmopt.cli.draw", "Draw a mechanism at a pose."),
     "init": ("pmopt.cli.init", "Write a commented starting configuration."),
@@ -96,7 +97,9 @@ def run(args: list[str] | None = None) -> int:
     except PmoptError as error:
         if debug:
             raise
-        return _fail(str(error), error.exit_code)
+        for line in error.lines[:-1]:
+            _fail(line, error.exit_code)
+        return _fail(error.lines[-1], error.exit_code)
     except click.ClickException as error:
         return _fail(error.format_message(), EXIT_USAGE)
     except (Interrupted, KeyboardInterrupt, click.Abort):

@@ -96,6 +96,10 @@ threads_option = click.option(
     "--threads", type=click.IntRange(min=1, max=4096),
     help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
 )  # fmt: skip
+scheduler_option = click.option(
+    "--scheduler", metavar="ADDRESS",
+    help="Dask scheduler that computes, such as tcp://host:8786; the result does not depend on it.",
+)  # fmt: skip
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), default=1, show_default=True,
     help="Seed of everything random.",

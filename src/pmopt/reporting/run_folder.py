@@ -20,9 +20,9 @@ DEFAULT_ROOT = Path("outputs")
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pymoo", "moocore", "pandas", "matplotlib")
 
 
-def default_folder(command: str, mechanism: str) -> Path:
+def default_folder(*names: str) -> Path:
     """Return a folder that does not exist yet: ``outputs/<command>-<mechanism>-<time>``."""
-    base = f"{command}-{mechanism}-{datetime.now():%Y%m%d-%H%M%S}"
+    base = f"{'-'.join(names)}-{datetime.now():%Y%m%d-%H%M%S}"
     path, count = DEFAULT_ROOT / base, 1
     while path.exists():
         count += 1

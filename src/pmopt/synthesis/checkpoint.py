@@ -66,6 +66,20 @@ class Checkpoint:
         """Return whether a run was begun in this folder."""
         return (folder / FOLDER / "run.json").exists()
 
+    @staticmethod
+    def configuration(folder: Path) -> dict[str, Any] | None:
+        """Return the configuration of the run that was begun in this folder, None without one."""
+        try:
+            run = json.loads((folder / FOLDER / "run.json").read_text(encoding="utf-8"))
+            return dict(run["config"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    @staticmethod
+    def generations(folder: Path) -> int:
+        """Return how many generations this folder has on disk."""
+        return sum(1 for _ in (folder / FOLDER).glob("generation-*.bin"))
+
     def start(self) -> None:
         """Begin a new run, forgetting any earlier one."""
         for path in self._files():

@@ -198,7 +198,10 @@ def load_config(path: Path) -> RunConfig:
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    return resolve_config(read_toml(path, str(path)), str(path))
+    data = read_toml(path, str(path))
+    if data.pop("command", "pareto") != "pareto" or "sweep" in data:
+        raise InputError(f"{path}: is a configuration of pmopt batch (it has command or sweep)")
+    return resolve_config(data, str(path))
 
 
 def differences(old: Any, new: Any, prefix: str = "") -> list[str]:

@@ -53,6 +53,12 @@ class Cluster:
             raise InputError(
                 "--scheduler: Dask is not installed; pip install 'pmopt[cluster]' brings it"
             ) from None
+        try:
+            distributed.comm.get_address_host_port(address)
+        except (ValueError, OSError) as error:
+            raise InputError(
+                f"--scheduler: {address!r} is no address like tcp://host:8786: {error}"
+            ) from None
         # Lost workers and closed connections are told in one line of our own, or made good.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self.address = address
@@ -62,10 +68,6 @@ class Cluster:
             )
         except (OSError, TimeoutError):
             raise PmoptError(f"--scheduler: no Dask scheduler answers at {address}") from None
-        except (ValueError, TypeError) as error:
-            raise InputError(
-                f"--scheduler: {address!r} is no address like tcp://host:8786: {error}"
-            ) from None
         try:
             self._client.wait_for_workers(1, timeout=_PATIENCE)
         except TimeoutError:

@@ -39,7 +39,7 @@ class Results(NamedTuple):
     units: dict[str, str]
 
     def unit(self, name: str) -> str:
-        """Return the unit of a result: of the quantity it is the best, the knee's or the error of."""
+        """Return the unit of a result, which is that of its quantity."""
         quantity = name.removeprefix("best_").removeprefix("knee_").removesuffix("_error")
         return self.units.get(quantity, ONE)
 

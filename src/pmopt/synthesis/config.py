@@ -199,14 +199,3 @@ def load_config(path: Path) -> RunConfig:
         For a file that can not be read, is no TOML or does not validate.
     """
     return resolve_config(read_toml(path, str(path)), str(path))
-
-
-def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
-    """Return what differs between two plain configurations, as ``key: old -> new``."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        return [
-            line
-            for key in dict.fromkeys([*old, *new])
-            for line in differences(old.get(key), new.get(key), f"{prefix}{key}.")
-        ]
-    return [] if old == new else [f"{prefix[:-1]}: {old} -> {new}"]

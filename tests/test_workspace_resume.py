@@ -19,24 +19,28 @@ from pmopt.analysis.sweeper import BLOCK_CHUNKS, CHUNK
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
-from pmopt.reporting import workspace_checkpoint, workspace_run
+from pmopt.reporting import pictures, workspace_checkpoint, workspace_run
 from pmopt.reporting.tasks import WorkspaceTask
 from pmopt.reporting.workspace_checkpoint import WorkspaceCheckpoint
 
 MECH = "2pauu-ppap"
 BLOCK = BLOCK_CHUNKS * CHUNK  # points of all 16 replicates
+LONG = 40 * BLOCK
 RUNS = {
+    "long": {"samples": LONG},
     "samples": {"samples": 5 * BLOCK + 16},
-    "target": {"target_error": 3e-5, "sampler": "lines"},
+    "target": {"target_error": 3e-4, "sampler": "monte-carlo"},
     "grid": {"grid": 260},
     "sobol": {"samples": 3 * BLOCK, "sampler": "sobol", "replicates": 16},
 }
-#: A process that keeps every block, and takes its time over it.
+SHORT = [name for name in RUNS if name != "long"]
+#: A process that keeps every block and draws nothing, which would take longer than all the rest.
 PROCESS = """
-import sys, time
+import sys, types
 from pmopt.cli import entry
 from pmopt.reporting import workspace_checkpoint as kept
 kept.EVERY = 0.0
+sys.modules["pmopt.reporting.pictures"] = types.SimpleNamespace(of_workspace=lambda *_: {})
 entry.main()
 """
 
@@ -54,6 +58,14 @@ def outputs(folder):
 
 def resumes_of(folder):
     return strict_json((folder / "manifest.json").read_text())["resumes"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_drawn():
+    """Pictures take longer than these runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "of_workspace", lambda *_: {})
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +104,7 @@ class Stopper:
 
 
 @pytest.mark.parametrize("after", [1, 2, 3])
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", SHORT)
 def test_cut_off_and_taken_up_again(in_one_go, tmp_path, monkeypatch, every_block, name, after):
     folder, task = tmp_path / "run", task_of(**RUNS[name])
     with monkeypatch.context() as patch:
@@ -107,7 +119,7 @@ def test_cut_off_and_taken_up_again(in_one_go, tmp_path, monkeypatch, every_bloc
     assert resumed > 0
 
 
-@given(st.sampled_from(sorted(RUNS)), st.data())
+@given(st.sampled_from(SHORT), st.data())
 def test_sums_come_back_as_plain_numbers(name, data):
     """From any state on, written and read, the result is the same."""
     kept = STATES.setdefault(name, [])
@@ -141,7 +153,7 @@ def test_a_short_run_keeps_nothing(tmp_path):
     [
         ({"samples": 2 * BLOCK + 32}, RUNS["samples"]),
         ({"samples": 2 * BLOCK}, RUNS["samples"]),
-        ({**RUNS["target"], "target_error": 1e-4}, RUNS["target"]),
+        ({**RUNS["target"], "target_error": 7e-4}, RUNS["target"]),
     ],
 )
 def test_more_continues_a_finished_run(in_one_go, tmp_path, every_block, first, then):
@@ -163,7 +175,7 @@ def test_more_after_a_short_run_starts_afresh(in_one_go, tmp_path):
 
 CHANGES = [
     (("--samples", BLOCK), f"workspace.samples: {2 * BLOCK} -> {BLOCK}"),
-    (("--samples", 2 * BLOCK + 1), "workspace.replicates: 16 -> "),
+    (("--samples", 2 * BLOCK + 2), "workspace.replicates: 16 -> 10"),
     (("--samples", 2 * BLOCK, "--seed", 2), "seed: 1 -> 2"),
     (("--samples", 2 * BLOCK, "--params", "l1=0.7"), "parameters.l1: 0.65 -> 0.7"),
     (("--samples", 2 * BLOCK, "--sampler", "sobol"), "workspace.sampler: r-sequence -> sobol"),
@@ -208,17 +220,10 @@ def test_a_finished_run_has_nothing_to_do(long, tmp_path):
 def test_a_folder_of_another_command_is_kept(long, tmp_path):
     shutil.copytree(long, tmp_path / "run")
     (tmp_path / "test.toml").write_text(f'mechanism = "{MECH}"')
-    for folder in ("run", "cut off"):
-        line = error_line(
-            here("pareto", "test.toml", "--out", folder, "--resume", cwd=tmp_path)
-            if folder == "run"
-            or (
-                shutil.copytree(long, tmp_path / folder)
-                and not (tmp_path / folder / "manifest.json").unlink()
-            )
-            else None
-        )
-        assert "workspace run, not pareto" in line
+    for _ in ("finished", "cut off"):
+        result = here("pareto", "test.toml", "--out", "run", "--resume", cwd=tmp_path)
+        assert "workspace run, not pareto" in error_line(result)
+        (tmp_path / "run" / "manifest.json").unlink(missing_ok=True)
 
 
 @pytest.mark.parametrize("option", ["--certify", "--force", "no --out"])
@@ -282,42 +287,39 @@ def test_what_is_torn_or_foreign_is_refused(long, tmp_path, every_block, damage)
     assert resumes_of(folder) == [BLOCK_CHUNKS]
 
 
-def start(folder, samples):
+def start(folder):
     return subprocess.Popen(
-        [sys.executable, "-c", PROCESS, *map(str, LINE[:4]), "--samples", str(samples),
+        [sys.executable, "-c", PROCESS, *map(str, LINE[:4]), "--samples", str(LONG),
          "--out", folder.name, "--resume", "--quiet"],
         cwd=folder.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=environment(),
     )  # fmt: skip
 
 
-def test_killed_at_random_moments(tmp_path):
+def test_killed_at_random_moments(in_one_go, tmp_path):
     """Kills while summing, while a checkpoint is written, and while files are."""
-    samples = 60 * BLOCK
-    workspace_run.run_workspace(task_of(samples=samples), tmp_path / "in one go")
     chance, folder, killed = random.Random(5), tmp_path / "run", 0
     while True:
-        process = start(folder, samples)
-        try:
-            process.communicate(timeout=chance.uniform(0.3, 0.9))
+        kept, process = set(files_in(folder)), start(folder)
+        while set(files_in(folder)) <= kept and process.poll() is None and chance.random() > 0.01:
+            time.sleep(0.003)
+        time.sleep(chance.uniform(0, 0.05))
+        process.kill()
+        process.communicate(timeout=TIMEOUT)
+        if process.returncode == 0:
             break
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate(timeout=TIMEOUT)
-            killed += 1
-        assert killed < 100
+        killed += 1
     assert process.returncode == 0
-    assert outputs(folder) == outputs(tmp_path / "in one go")
+    assert killed >= 5
+    assert outputs(folder) == outputs(in_one_go("long"))
     assert not list(folder.rglob("*.pmopt-tmp"))
     assert len(resumes_of(folder)) <= killed
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted(tmp_path, number):
-    samples = 40 * BLOCK
-    workspace_run.run_workspace(task_of(samples=samples), tmp_path / "in one go")
+def test_interrupted(in_one_go, tmp_path, number):
     folder = tmp_path / "a run"
-    process = start(folder, samples)
+    process = start(folder)
     deadline = time.monotonic() + TIMEOUT
     while not list(folder.glob("checkpoint/chunk-*")) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -333,4 +335,4 @@ def test_interrupted(tmp_path, number):
     words = shlex.split(line)
     assert words[0] == "pmopt"
     assert here(*words[1:], cwd=tmp_path).returncode == 0  # what it says is what works
-    assert outputs(folder) == outputs(tmp_path / "in one go")
+    assert outputs(folder) == outputs(in_one_go("long"))

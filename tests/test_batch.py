@@ -322,7 +322,7 @@ USAGE = {
     ("missing.toml",): "missing.toml: can not read: No such file or directory",
     ("a.toml", "--shard", "6/5"): "--shard: '6/5' is not allowed: K/N with 1 <= K <= N, e.g. 2/5",
     ("a.toml", "--shard", "0/5"): "--shard: '0/5' is not allowed: K/N with 1 <= K <= N, e.g. 2/5",
-    ("a.toml", "--resume"): "--resume needs --out, the folder of the batch",
+    ("a.toml", "--resume"): "--resume needs --out, the folder of the run",
     ("a.toml", "--resume", "--force"): "--resume and --force exclude each other",
     ("a.toml", "--workers", "2", "--threads", "2"): "--workers and --threads exclude each other: "
     "one of them may be over 1",

@@ -741,7 +741,7 @@ def test_more_generations_continue_an_adaptive_run(adaptive, eager, tmp_path):
 
 def test_checkpoint_of_the_old_form_is_refused(cut_off):
     path = cut_off / "checkpoint" / "run.json"
-    path.write_text(re.sub('"schema": 2', '"schema": 1', path.read_text()))
+    path.write_text(re.sub('"schema": 3', '"schema": 1', path.read_text()))
     with pytest.raises(InputError, match=r"schema 1.*--force"):
         run_pareto(config_of(), cut_off, resume=True)
 
@@ -1210,7 +1210,7 @@ def test_checkpoint_of_another_installation_is_refused(finished):
     search = Optimisation(problem)
     recorded = [g.record for g in search.generations()]
     second = recorded[1].evaluated
-    moved = Record(replace(second, variables=second.variables + 1e-9), None)
+    moved = Record(replace(second, variables=second.variables + 1e-9), None, recorded[1].generator)
     with pytest.raises(package.PmoptError, match="generation 2"):
         list(Optimisation(problem).generations([recorded[0], moved]))
 

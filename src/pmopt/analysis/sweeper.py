@@ -24,8 +24,12 @@ from pmopt.threads import default_threads, ordered_map
 BINS = 1000
 #: Points of one chunk, all replicates together: some milliseconds of work.
 CHUNK = 1 << 18
+#: Chunks of one block: what is summed by itself and may be kept, or computed elsewhere.
+BLOCK_CHUNKS = 16
 
 Notify = Callable[[str], None]
+#: Called with the points of a replicate done so far.
+Done = Callable[[int], None]
 
 #: Where the tool point is in the base frame; limits can be set on it where there is a tool.
 TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
@@ -384,6 +388,28 @@ class Sweeper:
             lambda r: self.tally([design], points, r[0], r[1], BINS), ranges, self.threads
         )
 
+    def blocks(
+        self, design: Design, points: sequences.Sequence, first: int, last: int, done: Done
+    ) -> Iterator[Tallies]:
+        """Yield the tallies of the blocks of a range of points in order, on all threads.
+
+        A block's tallies are those of its chunks added in order, wherever they are computed.
+        ``done`` is told how many points are, after every chunk.
+        """
+        replicates = points.replicates
+        chunks = self.stream(design, points, chunk_ranges(first, last, replicates))
+        for start, stop in block_ranges(first, last, replicates):
+            block = None
+            for _, end in chunk_ranges(start, stop, replicates):
+                part = next(chunks)
+                if block is None:
+                    block = part
+                else:
+                    block.add(part)
+                done(end)
+            assert block is not None  # every range holds a point
+            yield block
+
     def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Return margin and LCI at given poses, shape (d, N), in the box or not.
 
@@ -483,7 +509,24 @@ class Sweeper:
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:
     """Split a range of point indices at fixed multiples, whatever the number of threads."""
-    length = max(sequences.BLOCK, CHUNK // replicates // sequences.BLOCK * sequences.BLOCK)
+    return _split(first, last, _chunk_length(replicates))
+
+
+def block_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:
+    """Split a range of point indices into blocks of whole chunks, at fixed multiples."""
+    return _split(first, last, block_length(replicates))
+
+
+def block_length(replicates: int) -> int:
+    """Return the points of each replicate in a whole block."""
+    return BLOCK_CHUNKS * _chunk_length(replicates)
+
+
+def _chunk_length(replicates: int) -> int:
+    return max(sequences.BLOCK, CHUNK // replicates // sequences.BLOCK * sequences.BLOCK)
+
+
+def _split(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
     start = first
     while start < last:
         stop = min(last, (start // length + 1) * length)

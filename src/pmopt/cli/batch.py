@@ -90,10 +90,7 @@ def batch_command(
         raise InputError(f"--scheduler and {other} exclude each other: the cluster has its own")
     if (workers or 1) > 1 and (threads or 1) > 1:
         raise InputError("--workers and --threads exclude each other: one of them may be over 1")
-    if resume and force:
-        raise InputError("--resume and --force exclude each other")
-    if resume and out is None:
-        raise InputError("--resume needs --out, the folder of the batch")
+    options.check_resume(resume, force, out)
     part = None if shard is None else parse_shard(shard)
     runs = plan_runs(find_configs(configs))
     batch = batch_run.Batch(runs, out or run_folder.default_folder("batch"), part)
@@ -110,9 +107,8 @@ def batch_command(
     if resume and batch.finished():
         notify(f"{batch.folder} holds this batch, finished: nothing to do")
         return 0
-    again = ["pmopt", "batch", *configs, "--out", str(batch.folder)]
-    again += [] if shard is None else ["--shard", shard]
-    options.set_resume_hint(f"; continue with: {shlex.join(again)}")
+    folder = "" if out else f" --out {shlex.quote(str(batch.folder))}"
+    options.set_resume_hint(f"; continue with: {options.resuming()}{folder}")
     pool: Cluster | LocalWorkers
     if scheduler is None:
         count, each = _shares(workers, threads, len(batch.own))

@@ -89,9 +89,10 @@ def _fail(message: str, code: int) -> int:
 
 def run(args: list[str] | None = None) -> int:
     """Run the command line and return the exit code; only ``--debug`` lets a traceback out."""
-    debug = "--debug" in (sys.argv[1:] if args is None else args)
+    words = sys.argv[1:] if args is None else args
+    debug = "--debug" in words
     try:
-        result: Any = cli.main(args, prog_name="pmopt", standalone_mode=False)
+        result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except PmoptError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,6 +23,30 @@ def set_resume_hint(text: str) -> None:
     """Set what an interrupted run says about taking it up again."""
     global resume_hint
     resume_hint = text
+
+
+def resuming() -> str:
+    """Return this command's line, with what takes up the run that it leaves."""
+    words = [word for word in click.get_current_context().obj if word != "--force"]
+    return shlex.join(["pmopt", *words, *([] if "--resume" in words else ["--resume"])])
+
+
+resume_option = click.option(
+    "--resume", is_flag=True, help="Take up the run in --out where it was cut off."
+)
+
+
+def check_resume(resume: bool, force: bool, out: Path | None) -> None:
+    """Refuse --resume where there is nothing it could mean.
+
+    Raises
+    ------
+    InputError
+    """
+    if resume and force:
+        raise InputError("--resume and --force exclude each other")
+    if resume and out is None:
+        raise InputError("--resume needs --out, the folder of the run")
 
 
 def _complete_mechanism(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:

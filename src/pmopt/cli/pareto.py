@@ -13,7 +13,6 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier, progress_bar
-from pmopt.errors import InputError
 from pmopt.mechanisms import find
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 @click.command("pareto")
 @click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
 @options.out_options
-@click.option("--resume", is_flag=True, help="Take up the run in --out where it was cut off.")
+@options.resume_option
 @options.threads_option
 @click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), help="Instead of the configuration's seed."
@@ -54,10 +53,7 @@ def pareto_command(
         plan = pareto_run.plan(run_config, threads, notify)
         emit(form, plan.to_dict(), [plan.table()])
         return
-    if resume and force:
-        raise InputError("--resume and --force exclude each other")
-    if resume and out is None:
-        raise InputError("--resume needs --out, the folder of the run")
+    options.check_resume(resume, force, out)
     if out is None:
         out = run_folder.default_folder("pareto", run_config.mechanism)
     if resume and pareto_run.finished(run_config, out):

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.warmup import warm_up
+from pmopt.checkpoint import differences
 from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
 from pmopt.files import remove_leftovers, write_atomic
 from pmopt.reporting.batch_plan import PlannedRun, in_shard
@@ -26,7 +27,6 @@ from pmopt.reporting.batch_summary import FAILURE, BatchResult, RunSummary, Stat
 from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
 from pmopt.reporting.runners import RUNNERS
 from pmopt.reporting.table import Table, to_csv
-from pmopt.synthesis.config import differences
 from pmopt.workers import Pool
 
 PLAN, SUMMARY, LOCK = "batch.json", "summary.csv", "batch.lock"
@@ -223,10 +223,9 @@ class Batch:
         manifest = read_manifest(folder)
         if manifest is not None and manifest["command"] != run.runner.command:
             return f"{folder}: holds a finished {manifest['command']} run, not {run.runner.command}"
-        before = manifest["config"] if manifest else run.runner.begun(folder)
-        if before is None or run.runner.continues(before):
+        changed = "; ".join(run.runner.changes(folder))
+        if not changed:
             return ""
-        changed = "; ".join(differences(before, run.runner.document()))
         return (
             f"{folder}: holds a run of another configuration: {changed}; "
             "another --out or --force is needed"
@@ -447,5 +446,6 @@ def _difference(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
     """Return the first thing in which two plans differ."""
     if len(one) != len(other):
         return f"{len(one)} and {len(other)} runs"
-    lines = [line for a, b in zip(one, other, strict=True) for line in differences(a, b)]
-    return lines[0]
+    found = (d for a, b in zip(one, other, strict=True) for d in differences(a, b))
+    key, old, new = next(found)
+    return f"{key}: {old} -> {new}"

@@ -18,7 +18,6 @@ from pmopt.synthesis.config import RunConfig
 from pmopt.synthesis.front import Front, FrontDesign, measure_front
 from pmopt.synthesis.optimise import Generation, Optimisation, require_feasible
 from pmopt.synthesis.problem import DesignProblem, Evaluations
-from pmopt.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,9 +92,9 @@ def run_pareto(
     problem = DesignProblem(config, threads, notify)
     checkpoint, recorded = None, []
     if folder is not None:
-        checkpoint = Checkpoint(folder.path, problem, __version__)
+        checkpoint = Checkpoint(folder.path, problem)
         if resume and begun:
-            recorded = checkpoint.resume()
+            recorded = checkpoint.resume(notify)
             folder.open()
         else:
             folder.open()

@@ -19,12 +19,14 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.validation import validated
+from pmopt.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms import find
+from pmopt.reporting import workspace_checkpoint
 from pmopt.reporting.run_folder import read_manifest
 from pmopt.reporting.table import shown, with_error
 from pmopt.reporting.tasks import Plan, WorkspaceTask
-from pmopt.synthesis.checkpoint import Checkpoint, plain
+from pmopt.synthesis.checkpoint import GROWS, plain
 from pmopt.synthesis.config import SENSES, RunConfig, resolve_config
 from pmopt.units import ONE
 
@@ -61,10 +63,13 @@ class Runner(ABC):
         What ``command = ".."`` in a configuration calls it.
     marks : tuple of str
         Keys by which a configuration without ``command`` is known as one of this command.
+    grows : mapping
+        What continues a run instead of changing it; see :mod:`pmopt.checkpoint`.
     """
 
     command: ClassVar[str]
     marks: ClassVar[tuple[str, ...]] = ()
+    grows: ClassVar[Mapping[str, Grows]] = {}
 
     @classmethod
     @abstractmethod
@@ -114,13 +119,18 @@ class Runner(ABC):
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return the key results of a finished run; what its files lack raises KeyError."""
 
-    def begun(self, folder: Path) -> dict[str, Any] | None:
-        """Return the configuration of an unfinished run in a folder, None where there is none."""
-        return None
+    @classmethod
+    def complete(cls, document: dict[str, Any]) -> dict[str, Any]:
+        """Return a configuration with all that is left to a default filled in."""
+        return document
 
-    def continues(self, document: dict[str, Any]) -> bool:
-        """Return whether a run of this configuration goes on from one of another."""
-        return document == self.document()
+    def changes(self, folder: Path) -> list[str]:
+        """Return what keeps this run from going on in a folder, as ``key: old -> new``."""
+        manifest = read_manifest(folder)
+        before = manifest["config"] if manifest else CheckpointFolder.configuration(folder)
+        if before is None:
+            return []
+        return changes(self.complete(before), self.complete(self.document()), self.grows)
 
     def done(self, folder: Path) -> float | None:
         """Return the share of a running run that is done, None where nothing tells."""
@@ -128,8 +138,10 @@ class Runner(ABC):
 
     def finished(self, folder: Path) -> bool:
         """Return whether a folder holds this very run, finished."""
-        manifest = read_manifest(folder) or {}
-        return manifest.get("command") == self.command and manifest.get("config") == self.document()
+        manifest = read_manifest(folder)
+        if manifest is None or manifest["command"] != self.command:
+            return False
+        return self.complete(manifest["config"]) == self.complete(self.document())
 
 
 @dataclass(frozen=True)
@@ -137,6 +149,7 @@ class ParetoRunner(Runner):
     """``pmopt pareto``."""
 
     command = "pareto"
+    grows = GROWS
     config: RunConfig
 
     @classmethod
@@ -200,21 +213,9 @@ class ParetoRunner(Runner):
         units = {name: manifest["units"][name] for name in ("hypervolume", *names)}
         return Results(values, {name: unit for name, unit in units.items() if unit != ONE})
 
-    def begun(self, folder: Path) -> dict[str, Any] | None:
-        """Return the configuration of the checkpoint."""
-        return Checkpoint.configuration(folder)
-
-    def continues(self, document: dict[str, Any]) -> bool:
-        """Return whether the other configuration is this one, with fewer generations at most."""
-        own = self.document()
-        count = document.get("algorithm", {}).get("generations", 0)
-        if isinstance(count, int) and count <= own["algorithm"]["generations"]:
-            own["algorithm"]["generations"] = count
-        return document == own
-
     def done(self, folder: Path) -> float | None:
         """Return the share of generations on disk."""
-        return Checkpoint.generations(folder) / self.config.algorithm.generations
+        return CheckpointFolder.count(folder) / self.config.algorithm.generations
 
 
 class WorkspaceConfig(BaseModel):
@@ -234,6 +235,7 @@ class WorkspaceRunner(Runner):
     """``pmopt workspace``."""
 
     command = "workspace"
+    grows = workspace_checkpoint.GROWS
     task: WorkspaceTask
 
     @classmethod
@@ -266,6 +268,11 @@ class WorkspaceRunner(Runner):
         document: dict[str, Any] = json.loads(json.dumps(self.task.to_dict()))
         return document
 
+    @classmethod
+    def complete(cls, document: dict[str, Any]) -> dict[str, Any]:
+        """Return a configuration with the number of samples and replicates filled in."""
+        return workspace_checkpoint.resolved(WorkspaceTask.from_dict(document, cls.command))
+
     def sweeper(self, notify: Notify | None = None) -> Sweeper:
         """Return the task's sweeper."""
         from pmopt.analysis.aspects import make_sweeper
@@ -282,7 +289,9 @@ class WorkspaceRunner(Runner):
             if beat is not None:
                 beat()
 
-        run_workspace(self.task, folder, force=force, threads=threads, progress=progress)
+        run_workspace(
+            self.task, folder, force=force, resume=not force, threads=threads, progress=progress
+        )
 
     def plan(self, threads: int | None, notify: Notify) -> Plan:
         """Measure some samples."""

@@ -6,6 +6,7 @@ import heapq
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,13 @@ class Record:
         The generation's designs.
     again : Evaluations or None
         Contenders on twice the samples, where the search went on with these.
+    generator : dict
+        State of the generator after it, as NumPy gives it: whole numbers and names.
     """
 
     evaluated: Evaluations
     again: Evaluations | None
+    generator: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -243,9 +247,12 @@ class Optimisation:
             best = np.full(len(problem.objectives), np.nan)
             if len(front):
                 best = (front.values * problem.senses).max(axis=0) * problem.senses
+            record = Record(evaluated, again, algorithm.generator)
+            if told is not None and told.generator != record.generator:
+                raise _other_installation(number)
             yield Generation(
                 number, evaluations, feasible, len(front), volume, tuple(best.tolist()),
-                had, Record(evaluated, again), told is not None,
+                had, record, told is not None,
             )  # fmt: skip
 
     def _measured(
@@ -256,10 +263,7 @@ class Optimisation:
         if told is None:
             return self.problem.evaluate(variables, samples)
         if not np.array_equal(told.variables, variables):
-            raise PmoptError(
-                f"checkpoint: the designs of generation {number} are not those of this "
-                "installation (another version of pymoo or NumPy?); start afresh with --force"
-            )
+            raise _other_installation(number)
         return told
 
     def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
@@ -363,6 +367,13 @@ class Optimisation:
     def evaluated(self) -> Evaluations:
         """Every design evaluated, in order."""
         return Evaluations.join(self._parts)
+
+
+def _other_installation(number: int) -> PmoptError:
+    return PmoptError(
+        f"checkpoint: the designs of generation {number} are not those of this "
+        "installation (another version of pymoo or NumPy?); start afresh with --force"
+    )
 
 
 def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:

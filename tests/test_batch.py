@@ -832,17 +832,6 @@ def test_a_worker_that_does_not_see_the_folder_sends_the_files(undisturbed, writ
 # --- on a Dask cluster ----------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """Return a local cluster of two processes."""
-    from distributed import LocalCluster
-
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as found:
-        yield found
-
-
 def test_on_a_cluster(undisturbed, cluster, tmp_path):
     out = tmp_path / "out"
     result = pmopt("batch", "*.toml", "--scheduler", cluster.scheduler_address, "--out", out,

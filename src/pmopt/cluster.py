@@ -12,6 +12,7 @@ import queue
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from itertools import islice
 from types import TracebackType
 from typing import Any, TypeVar
@@ -175,6 +176,11 @@ class Cluster:
             raise PmoptError(
                 f"on the cluster at {self.address}: {type(error).__name__}: {error}"
             ) from error
+
+
+def connect(address: str | None) -> AbstractContextManager[Cluster | None]:
+    """Return the cluster at an address, or nothing where there is none."""
+    return contextlib.nullcontext() if address is None else Cluster(address)
 
 
 class _Task:

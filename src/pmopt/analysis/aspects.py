@@ -144,16 +144,17 @@ class FieldSweeper(Sweeper):
 
     def _home(self, design: Design) -> tuple[AspectMap, int]:
         key = (*design.constants, *design.lower.tolist(), *design.width.tolist())
-        if key not in self._maps:
+        home = self._maps.get(key)
+        if home is None:
             found = map_aspects(self, design)
-            home = np.array([list(self.mechanism.home(design.parameters).values())]).T
-            margin, _ = super().field(design, home)
+            pose = np.array([list(self.mechanism.home(design.parameters).values())]).T
+            margin, _ = super().field(design, pose)
             label = 0
             if margin[0] >= 0:
-                label = int(found.of(home, determinants(self, design, home))[0])
-            self._maps.clear()
-            self._maps[key] = found, label
-        return self._maps[key]
+                label = int(found.of(pose, determinants(self, design, pose))[0])
+            home = found, label
+            self._maps = {key: home}  # other threads may be at other designs
+        return home
 
     def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Return margin and LCI of the block; outside the home aspect the margin is negative."""

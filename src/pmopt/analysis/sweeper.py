@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from pmopt.numerics.compiled import Compiled
 from pmopt.numerics.specialise import ENTRIES, PLACE, Recipe, specialise
 from pmopt.seeds import seed_sequence
 from pmopt.threads import default_threads, ordered_map
+
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
 
 #: Bins of the LCI histogram over [0, 1]; quantiles are interpolated within them.
 BINS = 1000
@@ -162,6 +165,8 @@ class Sweeper:
         self.settings = settings
         self.seed = seed
         self.purpose = "workspace samples"
+        #: Where the blocks of a workspace are summed, if not here.
+        self.cluster: Cluster | None = None
         self._sequences: dict[tuple[int, str, int], sequences.Sequence] = {}
         default = default_threads()  # numba reads the variable too: a bad one is refused here
         self.threads = threads or default

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pmopt.analysis.aspects import make_sweeper, require_home
+from pmopt.analysis.blocks import blocks_on
 from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
 from pmopt.analysis.projection import PROJECTION_SAMPLES, Projection, measure_projection
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
@@ -29,6 +30,9 @@ from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
 from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
 from pmopt.units import ONE, measure_unit, unit_of
+
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
 
 #: Called with points done and points planned.
 Progress = Callable[[int, int], None]
@@ -207,6 +211,7 @@ def compute_workspace(
     notify: Notify | None = None,
     begun: Sums | None = None,
     keep: Keep | None = None,
+    cluster: Cluster | None = None,
 ) -> WorkspaceResult:
     """Sample the workspace of one design.
 
@@ -228,6 +233,8 @@ def compute_workspace(
         What ``keep`` was given in a run that was cut off, with the same arguments but for more
         samples or a smaller target error: the result is that of a run in one go.
     keep : callable, optional
+    cluster : Cluster, optional
+        Sums the blocks on its workers: the result is the same.
 
     Raises
     ------
@@ -246,6 +253,7 @@ def compute_workspace(
     design = sweeper.design(mechanism.resolve(params or {}))
     require_home(sweeper, design)
     course = begun or Sums(), keep, progress
+    sweeper.cluster = cluster
     if settings.grid is not None:
         tallies, estimates = measure_on_grids(sweeper, design, settings.grid, *course)
     elif settings.target_error is not None:
@@ -287,7 +295,10 @@ def _accumulate(
         if progress:
             progress(count * replicates, last * replicates)
 
-    blocks = sweeper.blocks(design, points, first, last, done)
+    if sweeper.cluster is None:
+        blocks = sweeper.blocks(design, points, first, last, done)
+    else:
+        blocks = blocks_on(sweeper.cluster, sweeper, design, points, first, last, done)
     for (start, stop), block in zip(block_ranges(first, last, replicates), blocks, strict=True):
         sums = sums.with_block(block, len(list(chunk_ranges(start, stop, replicates))))
         # Where a run ends within a block, one with more samples does not.

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 @options.out_options
 @options.resume_option
 @options.threads_option
+@options.scheduler_option
 @click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), help="Instead of the configuration's seed."
 )
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 @options.common_options
 def pareto_command(
     config: Path, out: Path | None, force: bool, resume: bool, threads: int | None,
-    seed: int | None, dry_run: bool, form: str, quiet: bool, debug: bool,
+    scheduler: str | None, seed: int | None, dry_run: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Pareto front of volume against dexterity by NSGA-II.
 
@@ -41,6 +42,7 @@ def pareto_command(
     Example:
       pmopt pareto configs/quickstart.toml --out outputs/quickstart
     """
+    from pmopt.cluster import connect
     from pmopt.reporting import pareto_run, run_folder, tables
     from pmopt.synthesis.config import load_config
 
@@ -62,10 +64,13 @@ def pareto_command(
     again = ["pmopt", "pareto", str(config), "--out", str(out), "--resume"]
     again += [] if seed is None else ["--seed", str(seed)]
     options.set_resume_hint(f"; continue with: {shlex.join(again)}")
-    with _progress(quiet, run_config) as (on_generation, on_measured):
+    with (
+        connect(scheduler) as cluster,
+        _progress(quiet, run_config) as (on_generation, on_measured),
+    ):
         run = pareto_run.run_pareto(
             run_config, out, force=force, resume=resume, threads=threads, notify=notify,
-            on_generation=on_generation, on_measured=on_measured,
+            on_generation=on_generation, on_measured=on_measured, cluster=cluster,
         )  # fmt: skip
     emit(form, run.to_dict(), tables.pareto_tables(run))
 

@@ -22,6 +22,8 @@ from pmopt.synthesis.problem import DesignProblem, Evaluations
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pmopt.cluster import Cluster
+
 OnGeneration = Callable[[Generation], None]
 OnMeasured = Callable[[int, int], None]
 #: Designs measured finely for a plan.
@@ -64,6 +66,7 @@ def run_pareto(
     notify: Notify | None = None,
     on_generation: OnGeneration | None = None,
     on_measured: OnMeasured | None = None,
+    cluster: Cluster | None = None,
 ) -> ParetoRun:
     """Search for the front, measure it and write the run's folder.
 
@@ -77,6 +80,8 @@ def run_pareto(
         Overwrite a run in the folder.
     resume : bool
         Take up the run in the folder, if there is one.
+    cluster : Cluster, optional
+        Evaluates designs there.
 
     Raises
     ------
@@ -89,7 +94,7 @@ def run_pareto(
     folder = None
     if out is not None:
         folder = RunFolder(out, force or (resume and begun), interrupted=begun)
-    problem = DesignProblem(config, threads, notify)
+    problem = DesignProblem(config, threads, notify, cluster)
     checkpoint, recorded = None, []
     if folder is not None:
         checkpoint = Checkpoint(folder.path, problem)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pmopt.analysis.sweeper import BINS, Notify
 from pmopt.analysis.workspace import (
@@ -19,6 +20,9 @@ from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.reporting.tasks import Plan, WorkspaceTask
 from pmopt.reporting.workspace_checkpoint import GROWS, WorkspaceCheckpoint, resolved
+
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
 
 _PROBE = 1 << 18
 
@@ -59,6 +63,7 @@ def run_workspace(
     threads: int | None = None,
     notify: Notify | None = None,
     progress: Progress | None = None,
+    cluster: Cluster | None = None,
 ) -> WorkspaceResult:
     """Sample a workspace and, with ``out``, write the run's folder.
 
@@ -75,6 +80,8 @@ def run_workspace(
         Take up the run in the folder, if there is one.
     threads : int, optional
     notify, progress : callable, optional
+    cluster : Cluster, optional
+        Samples there.
 
     Raises
     ------
@@ -102,6 +109,7 @@ def run_workspace(
             notify=notify,
             begun=begun,
             keep=checkpoint.keep if checkpoint else None,
+            cluster=cluster,
         )
     except BaseException:  # Ctrl-C above all
         if checkpoint is not None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,9 @@ from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
 from pmopt.threads import ordered_map
 from pmopt.units import ONE, measure_unit
 
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
+
 #: The constraint every problem has: something must be reachable.
 REACHABLE = "reachable"
 #: Most samples of a design when the front is measured: about a second.
@@ -31,8 +36,10 @@ FINAL_SAMPLES = 1 << 26
 FIRST_SAMPLES = 1 << 12
 #: On lines, which are exact along one coordinate, as few tell as much.
 FIRST_ON_LINES = 1 << 10
-#: Parts of a population, for each thread.
+#: Parts of a population, for each thread, and for each thread of a cluster: there a part costs
+#: about a millisecond.
 _SLICES = 4
+_TASKS = 2
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
@@ -101,11 +108,16 @@ class DesignProblem:
         Resolved.
     threads : int, optional
     notify : callable, optional
+    cluster : Cluster, optional
+        Evaluates there: the results are the same.
     """
 
     def __init__(
-        self, config: RunConfig, threads: int | None = None, notify: Notify | None = None
-    ) -> None:
+        self, config: RunConfig, threads: int | None = None, notify: Notify | None = None,
+        cluster: Cluster | None = None,
+    ) -> None:  # fmt: skip
+        self._cluster = cluster
+        self._told = pickle.dumps(config)
         self.config = config
         self.mechanism = find(config.mechanism)
         self.sweeper = make_sweeper(
@@ -185,6 +197,10 @@ class DesignProblem:
             those of more, the first ones of each replicate.
         """
         samples = samples or self.samples
+        if self._cluster is not None:
+            slices = min(len(variables), _TASKS * self._cluster.threads)
+            parts = [_Part(self._told, rows, samples) for rows in np.array_split(variables, slices)]
+            return Evaluations.join(list(self._cluster.ordered_map(evaluate_part, parts)))
         designs: list[Design] = []
         if samples is not None:
             tallies = self._tally(variables, samples, designs)
@@ -305,9 +321,13 @@ class DesignProblem:
         by_name : dict
             What objectives and constraints may be, by name.
         """
-        return ordered_map(self._measure, variables, self.sweeper.threads)
+        if self._cluster is not None:
+            rows = (_Part(self._told, row, None) for row in variables)
+            return self._cluster.ordered_map(measure_part, rows)
+        return ordered_map(self.measure_one, variables, self.sweeper.threads)
 
-    def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
+    def measure_one(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
+        """Measure one design (v,); see :meth:`measure`."""
         target = self.config.final.target_error
         design = self.design(row)
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
@@ -316,6 +336,30 @@ class DesignProblem:
             space: Projection = measure_projection(self._final, design, FINAL_PROJECTION)
             by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
         return found, by_name
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some designs, as a worker of a cluster gets them."""
+
+    config: bytes
+    variables: NDArray[np.float64]
+    samples: int | None
+
+
+def evaluate_part(part: _Part) -> Evaluations:
+    """Evaluate some designs: what a worker does."""
+    return _problem(part.config).evaluate(part.variables, part.samples)
+
+
+def measure_part(part: _Part) -> tuple[Estimates, dict[str, Estimate]]:
+    """Measure one design: what a worker does."""
+    return _problem(part.config).measure_one(part.variables)
+
+
+@lru_cache(maxsize=8)
+def _problem(config: bytes) -> DesignProblem:
+    return DesignProblem(pickle.loads(config), threads=1)
 
 
 def _joined(parts: list[Tallies]) -> Tallies:

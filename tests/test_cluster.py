@@ -268,7 +268,7 @@ def test_an_item_that_kills_every_worker_is_given_up():
     from distributed import LocalCluster
 
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as own,
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as own,
         Cluster(own.scheduler_address) as client,
     ):
         found = dict(client.completed(dies, [1], lambda: None))
@@ -278,7 +278,7 @@ def test_an_item_that_kills_every_worker_is_given_up():
 def test_a_scheduler_that_goes_is_told():
     from distributed import LocalCluster
 
-    own = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+    own = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
     with Cluster(own.scheduler_address) as client:
         stop = threading.Timer(1.0, own.close)
         stop.start()
@@ -322,7 +322,7 @@ def test_scheduler_without_workers(tmp_path, monkeypatch):
     from distributed import LocalCluster
 
     monkeypatch.setattr("pmopt.cluster._PATIENCE", 0.5)
-    with LocalCluster(n_workers=0, dashboard_address=None) as own:
+    with LocalCluster(n_workers=0, dashboard_address=":0") as own:
         address = own.scheduler_address
         line = error_line(here("workspace", MECH, "--scheduler", address, cwd=tmp_path), 1)
     assert line == f"error: --scheduler: {address} has no workers"

@@ -104,7 +104,7 @@ class Cluster:
                         number = arrived.get(timeout=TICK)
                         break
                 try:
-                    found: Result | PmoptError = self._result(futures[number])
+                    found: Result | PmoptError = self._results([futures[number]])[0]
                 except PmoptError as error:
                     found = error
                 yield number, found
@@ -124,11 +124,12 @@ class Cluster:
         pending = deque(self._submit(function, list(islice(source, ahead))))
         try:
             while pending:
-                result = self._result(pending[0])
-                pending.popleft()
+                ready = [pending.popleft()]
+                while pending and pending[0].status == "finished":
+                    ready.append(pending.popleft())
                 if 2 * len(pending) <= ahead:  # one message for many
                     pending.extend(self._submit(function, list(islice(source, ahead // 2))))
-                yield result
+                yield from self._results(ready)
         finally:
             self._client.cancel(list(pending))
 
@@ -155,17 +156,14 @@ class Cluster:
         )  # fmt: skip
         return futures
 
-    def _result(self, future: Any) -> Any:
-        """Return a task's result, or raise its error as one line."""
+    def _results(self, futures: list[Any]) -> list[Any]:
+        """Return the results of tasks, or raise the first error as one line."""
         from concurrent.futures import CancelledError
 
-        from distributed import KilledWorker, wait
+        from distributed import KilledWorker
 
-        while not future.done():
-            with contextlib.suppress(TimeoutError):  # short waits let Ctrl-C through
-                wait([future], timeout=TICK)
         try:
-            return future.result()
+            return list(self._client.gather(futures))
         except PmoptError:
             raise
         except KilledWorker:

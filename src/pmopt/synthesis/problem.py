@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,10 +38,12 @@ FINAL_SAMPLES = 1 << 26
 FIRST_SAMPLES = 1 << 12
 #: On lines, which are exact along one coordinate, as few tell as much.
 FIRST_ON_LINES = 1 << 10
-#: Parts of a population, for each thread, and for each thread of a cluster: there a part costs
-#: about a millisecond.
+#: Parts of a population, for each thread.
 _SLICES = 4
+#: The same for each thread of a cluster, and the seconds of a part that make up for the
+#: milliseconds it takes to send.
 _TASKS = 2
+_WORTH = 0.02
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
@@ -118,6 +122,7 @@ class DesignProblem:
     ) -> None:  # fmt: skip
         self._cluster = cluster
         self._told = pickle.dumps(config)
+        self._pace = 0.0  # s a sample on the cluster; not known before the first evaluation
         self.config = config
         self.mechanism = find(config.mechanism)
         self.sweeper = make_sweeper(
@@ -198,9 +203,7 @@ class DesignProblem:
         """
         samples = samples or self.samples
         if self._cluster is not None:
-            slices = min(len(variables), _TASKS * self._cluster.threads)
-            parts = [_Part(self._told, rows, samples) for rows in np.array_split(variables, slices)]
-            return Evaluations.join(list(self._cluster.ordered_map(evaluate_part, parts)))
+            return self._far(self._cluster, variables, samples)
         designs: list[Design] = []
         if samples is not None:
             tallies = self._tally(variables, samples, designs)
@@ -228,6 +231,18 @@ class DesignProblem:
         )
         slack[0] = np.where(np.isnan(values).any(axis=1), np.minimum(slack[0], -1e-9), slack[0])
         return Evaluations(variables, values, errors, np.stack([*slack, *bounds], axis=1))
+
+    def _far(
+        self, cluster: Cluster, variables: NDArray[np.float64], samples: int | None
+    ) -> Evaluations:
+        """Evaluate on a cluster, in parts that are worth a task there."""
+        work = len(variables) * (samples or 1)
+        worth = math.ceil(self._pace * work / _WORTH) if self._pace else len(variables)
+        slices = max(1, min(len(variables), _TASKS * cluster.threads, worth))
+        parts = [_Part(self._told, rows, samples) for rows in np.array_split(variables, slices)]
+        found, seconds = zip(*cluster.ordered_map(evaluate_part, parts), strict=True)
+        self._pace = sum(seconds) / work
+        return Evaluations.join(found)
 
     def _tally(
         self, variables: NDArray[np.float64], samples: int, designs: list[Design]
@@ -347,9 +362,12 @@ class _Part:
     samples: int | None
 
 
-def evaluate_part(part: _Part) -> Evaluations:
-    """Evaluate some designs: what a worker does."""
-    return _problem(part.config).evaluate(part.variables, part.samples)
+def evaluate_part(part: _Part) -> tuple[Evaluations, float]:
+    """Evaluate some designs: what a worker does. Return the seconds it took, too."""
+    problem = _problem(part.config)
+    began = time.perf_counter()
+    found = problem.evaluate(part.variables, part.samples)
+    return found, time.perf_counter() - began
 
 
 def measure_part(part: _Part) -> tuple[Estimates, dict[str, Estimate]]:

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pmopt.analysis.dynamics import Mover
+from pmopt.analysis.dynamics import Mover, angular_motion
 from pmopt.mechanisms import find, names
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.mechanisms.bodies import plate
@@ -29,7 +29,7 @@ def mover(name, loaded=True, mode=None):
     return Mover(mechanism, parameters, mode or mechanism.working_modes[0], bodies)
 
 
-def course(name, t, seed=0):
+def course(name, t, seed=0, swing=SWING):
     """Return a smooth motion about home: poses, rates and accelerations at the times."""
     mechanism = find(name)
     parameters = mechanism.resolve({})
@@ -38,7 +38,7 @@ def course(name, t, seed=0):
     rng = np.random.default_rng([seed, len(name)])
     n = len(home)
     scale = np.array([size if c.kind == "length" else 1.0 for c in mechanism.pose])
-    swing = SWING * scale * rng.uniform(0.3, 1.0, n)
+    swing = swing * scale * rng.uniform(0.3, 1.0, n)
     speed, phase = rng.uniform(1.0, 3.0, n), rng.uniform(-3.0, 3.0, n)
     angle = np.multiply.outer(t, speed) + phase
     return (
@@ -336,6 +336,9 @@ def test_numbers_of_3_cur():
     np.testing.assert_allclose(found.platform[0, 1, :3], expected, rtol=0, atol=6e-11)
     expected = [-0.3994986577, -0.0611743426, -0.1138695480]
     np.testing.assert_allclose(found.platform[0, 2, :3], expected, rtol=0, atol=6e-11)
+    expected = [[0.2498842818, 0.1956238505, -0.0059187832],
+                [0.2092769442, -1.7265722571, 0.0034709293]]  # fmt: skip
+    np.testing.assert_allclose(angular_motion(found.platform)[0], expected, rtol=0, atol=6e-10)
 
 
 @pytest.mark.parametrize("name", MOVED)

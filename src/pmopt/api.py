@@ -221,7 +221,7 @@ def certify(
 def warmup(
     *mechanisms: str, threads: int | None = None, notify: Callable[[str], None] | None = None
 ) -> dict[str, int]:
-    """Compile the kernels of mechanisms ahead: what workspaces with default settings need.
+    """Compile the kernels of mechanisms ahead: what motions and default workspaces need.
 
     Parameters
     ----------
@@ -237,6 +237,7 @@ def warmup(
     dict
         By mechanism, the number of kernels that were missing.
     """
+    from pmopt.analysis.dynamics import Mover
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.sweeper import Sweeper
     from pmopt.analysis.warmup import warm_up
@@ -249,13 +250,15 @@ def warmup(
             told.add(line)
             notify(line)
 
-    sweepers = []
+    users: list[Sweeper | Mover] = []
     for name in mechanisms or names():
         found = find(name)
-        sweepers.append(Sweeper(found, WorkspaceSettings(), notify=once))
+        users.append(Sweeper(found, WorkspaceSettings(), notify=once))
         if found.line is not None:
-            sweepers.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
-    return warm_up(sweepers, threads or default_threads())
+            users.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
+        if found.posture is not None:
+            users.append(Mover(found, found.resolve({}), found.working_modes[0]))
+    return warm_up(users, threads or default_threads())
 
 
 def singularities(

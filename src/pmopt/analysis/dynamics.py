@@ -20,6 +20,7 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.mechanisms.bodies import Body
 from pmopt.numerics import dynamics
+from pmopt.numerics.compiled import Compiled
 from pmopt.numerics.specialise import PLACE
 from pmopt.threads import default_threads, ordered_map
 
@@ -77,6 +78,31 @@ class State:
     mass_matrix: Values
     inverse_jacobian: Values
     valid: NDArray[np.bool_]
+
+
+def angular_motion(platform: Values) -> Values:
+    """Return angular velocity and acceleration, (N, 2, 3), in the base frame.
+
+    Parameters
+    ----------
+    platform : (N, 3, 6) float64
+        See :class:`State`: yaw, pitch, roll of Rz Ry Rx are the last three, with their rates.
+    """
+    (a, b, _), (da, db, dc), (dda, ddb, ddc) = (platform[:, k, 3:].T for k in range(3))
+    sin_a, cos_a, sin_b, cos_b = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    about_z = np.stack([zero, zero, one], axis=1)
+    about_y = np.stack([-sin_a, cos_a, zero], axis=1)
+    about_x = np.stack([cos_a * cos_b, sin_a * cos_b, -sin_b], axis=1)
+
+    def weighed(*rates: Vector) -> Values:
+        first, second, third = (r[:, None] for r in rates)
+        total: Values = first * about_z + second * about_y + third * about_x
+        return total
+
+    bias = (da * db)[:, None] * np.cross(about_z, about_y)
+    bias += dc[:, None] * np.cross(weighed(da, db, zero), about_x)
+    return np.stack([weighed(da, db, dc), weighed(dda, ddb, ddc) + bias], axis=1)
 
 
 class Mover:
@@ -194,6 +220,11 @@ class Mover:
             masses.append([body.mass, *centre, *np.asarray(body.inertia, dtype=float).ravel()])
         self._bodies = np.array(table, dtype=np.int64).reshape(-1, 2)
         self._masses = np.array(masses, dtype=float).reshape(-1, 13)
+
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """The compiled text of this mover and the entry it calls."""
+        return {self._kernel: ("move",)}
 
     def si(self, coordinates: Sequence[Coordinate]) -> Vector:
         """Return the factors that turn coordinates' rates to m and rad."""

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.numerics import cells
 from pmopt.numerics.compiled import compile_ahead
 
+if TYPE_CHECKING:  # a workspace does without
+    from pmopt.analysis.dynamics import Mover
 
-def warm_up(sweepers: Iterable[Sweeper], workers: int) -> dict[str, int]:
-    """Compile what is missing of all that some sweepers and the shapes of their workspaces call.
+
+def warm_up(users: Iterable[Sweeper | Mover], workers: int) -> dict[str, int]:
+    """Compile what is missing of all that workspaces, their shapes and motions call.
 
     Parameters
     ----------
-    sweepers : iterable of Sweeper
+    users : iterable of Sweeper and Mover
     workers : int
         Processes at most.
 
@@ -26,15 +30,15 @@ def warm_up(sweepers: Iterable[Sweeper], workers: int) -> dict[str, int]:
     shared = cells.kernels()
     wanted = [(shared, entry.name) for entry in shared.entries]
     missing: dict[str, int] = {}
-    for sweeper in sweepers:
+    for user in users:
         new = [
             (compiled, entry)
-            for compiled, entries in sweeper.kernels.items()
+            for compiled, entries in user.kernels.items()
             for entry in entries
             if (compiled, entry) not in wanted
         ]
         wanted += new
-        missing.setdefault(sweeper.mechanism.name, 0)
-        missing[sweeper.mechanism.name] += sum(not c.is_compiled(name) for c, name in new)
+        missing.setdefault(user.mechanism.name, 0)
+        missing[user.mechanism.name] += sum(not c.is_compiled(name) for c, name in new)
     compile_ahead(wanted, workers)
     return missing

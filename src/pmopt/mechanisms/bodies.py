@@ -19,6 +19,7 @@ platform, and is declared in that link's frame:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -87,6 +88,11 @@ class MassProperties:
     ) -> Body:  # fmt: skip
         """Return the body that has these properties."""
         return Body(name, limb, joint, self.mass, self.centre, self.inertia, part, source)
+
+
+def point_mass(mass: float, place: Sequence[float]) -> MassProperties:
+    """Return a mass without extent, at a place in the mechanism's length unit."""
+    return MassProperties(mass, np.array(place, dtype=float), np.zeros((3, 3)))
 
 
 def tube(

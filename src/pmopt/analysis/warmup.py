@@ -9,14 +9,18 @@ from pmopt.numerics import cells
 from pmopt.numerics.compiled import compile_ahead
 
 
-def warm_up(sweepers: Iterable[Sweeper], workers: int) -> dict[str, int]:
+def warm_up(sweepers: Iterable[Sweeper], workers: int, shapes: bool = True) -> dict[str, int]:
     """Compile what is missing of all that some sweepers and the shapes of their workspaces call.
+
+    In processes of their own: this one stays free to be interrupted.
 
     Parameters
     ----------
     sweepers : iterable of Sweeper
     workers : int
         Processes at most.
+    shapes : bool
+        False leaves out what only shapes, positions and pictures call.
 
     Returns
     -------
@@ -24,12 +28,14 @@ def warm_up(sweepers: Iterable[Sweeper], workers: int) -> dict[str, int]:
         By mechanism, the number of kernels that had to be compiled.
     """
     shared = cells.kernels()
-    wanted = [(shared, entry.name) for entry in shared.entries]
+    wanted = [(shared, entry.name) for entry in shared.entries] if shapes else []
     missing: dict[str, int] = {}
     for sweeper in sweepers:
         new = [
             (compiled, entry)
-            for compiled, entries in sweeper.kernels.items()
+            for compiled, entries in (
+                sweeper.kernels if shapes else sweeper.sampling_kernels
+            ).items()
             for entry in entries
             if (compiled, entry) not in wanted
         ]

@@ -80,12 +80,10 @@ def kill_and_resume(words, folder, chance, last):
     met = Killed(runs=1)
     while True:
         known, process = set(checkpoints(folder)), start(words, folder)
-        wanted = chance.choice((0, 1, 1, 2, 4))
-        deadline = time.monotonic() + TIMEOUT
-        while process.poll() is None and len(set(checkpoints(folder)) - known) < wanted:
-            if last in known or time.monotonic() > deadline:
-                break
+        wanted, seen = chance.choice((0, 1, 1, 2, 4)), set(known)
+        while process.poll() is None and len(seen) - len(known) < wanted and last not in seen:
             time.sleep(0.001)
+            seen.update(checkpoints(folder))
         # Later and later where there are no more checkpoints to come.
         time.sleep(chance.uniform(0, 0.02 if last not in known else 0.3 + 0.2 * met.after))
         if wanted == 0:

@@ -24,7 +24,7 @@ from pmopt.reporting.workspace_checkpoint import WorkspaceCheckpoint
 
 MECH = "2pauu-ppap"
 BLOCK = BLOCK_CHUNKS * CHUNK  # points of all 16 replicates
-LONG = 80 * BLOCK
+LONG = 40 * BLOCK
 RUNS = {
     "long": {"samples": LONG},
     "samples": {"samples": 5 * BLOCK + 16},

@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from cli_runner import (
     COMMAND,
+    CONFIGS,
     TIMEOUT,
+    Terminal,
     csv_rows,
     environment,
     error_line,
@@ -563,6 +565,16 @@ def test_dry_run(undisturbed, tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+def test_what_is_shipped_is_a_batch(tmp_path):
+    batch = batch_of(tmp_path, *sorted((CONFIGS / "batch").glob("*.toml")))
+    batch.check(False, print)
+    commands = {r.name: r.runner.command for r in batch.runs}
+    assert commands == {
+        **{f"links-l2={x}-seed={s}": "pareto" for x in (0.8, 1.1, 1.4) for s in (1, 2)},
+        **{f"sizes-link_diameter={x}": "workspace" for x in (10.0, 20.0)},
+    }
+
+
 def test_another_command_joins_by_a_class(write, tmp_path, monkeypatch):
     class Echo(Runner):
         command, marks = "echo", ("say",)
@@ -604,6 +616,23 @@ def test_another_command_joins_by_a_class(write, tmp_path, monkeypatch):
     assert found.runs[1].headline == "e-say=bcd: finished, length 3 m"
     with pytest.raises(InputErrors, match="say=3 is not allowed"):
         plan_runs([write("f.toml", "say = 3")])
+
+
+def test_live_view(long_batch, tmp_path):
+    """On a terminal: what is done of all runs, and of those at work; stdout stays clean."""
+    path, _ = long_batch
+    terminal = Terminal("batch", str(path), "--workers", "2", "--out", "out", "--format", "csv",
+                        cwd=tmp_path)  # fmt: skip
+    terminal.read()
+    code, output = terminal.close()
+    assert code == 0
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.text)
+    for done in range(4):
+        assert f"{done} of 3 runs" in text
+    shares = re.findall(r"long-seed=1 [^\n%]* (\d+) % ETA", text)
+    assert any(0 < int(share) < 100 for share in shares)
+    assert text.count("long-seed=3: finished, designs") == 1
+    assert output == (tmp_path / "out" / "summary.csv").read_text()
 
 
 # --- shards -----------------------------------------------------------------------------------

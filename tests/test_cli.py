@@ -3,21 +3,19 @@
 import hashlib
 import math
 import os
-import pty
 import re
-import select
 import shlex
 import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from cli_runner import (
     COMMAND,
     CONFIGS,
     TIMEOUT,
+    Terminal,
     answer,
     csv_answer,
     csv_rows,
@@ -905,42 +903,6 @@ def test_bad_number_of_threads_beside_the_option(tmp_path):
     env = {"NUMBA_NUM_THREADS": "two"}
     result = pmopt(*SHORT["workspace"], "--threads", "2", cwd=tmp_path, env=env)
     assert "NUMBA_NUM_THREADS" in error_line(result)
-
-
-class Terminal:
-    """A process whose stderr is a terminal and whose stdout is a pipe."""
-
-    def __init__(self, *args, cwd):
-        self.master, slave = pty.openpty()
-        self.process = subprocess.Popen(
-            [*COMMAND, *args], cwd=cwd, stdout=subprocess.PIPE, stderr=slave,
-            env=environment(TERM="xterm-256color", COLUMNS="120"),
-        )  # fmt: skip
-        os.close(slave)
-        self.text = ""
-
-    def read(self, enough=lambda text: False):
-        """Read until the process ends or ``enough`` is said of the text without its colours."""
-        deadline = time.monotonic() + TIMEOUT
-        while time.monotonic() < deadline:
-            if not select.select([self.master], [], [], 1)[0]:
-                continue
-            try:
-                data = os.read(self.master, 1 << 16)
-            except OSError:  # the other end has gone
-                return
-            if not data:
-                return
-            self.text += data.decode("utf-8", "replace")
-            if enough(re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.text)):
-                return
-        raise AssertionError(f"no end within {TIMEOUT} s: {self.text[-500:]}")
-
-    def close(self):
-        """Return the exit code and stdout."""
-        output = self.process.communicate(timeout=TIMEOUT)[0]
-        os.close(self.master)
-        return self.process.returncode, output.decode()
 
 
 def shows_rate_and_time_left(text):

@@ -34,6 +34,7 @@ from cli_runner import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from killing import kill_and_resume
 
 import pmopt as package
 from pmopt.analysis.workspace import compute_workspace
@@ -340,29 +341,18 @@ def wait_for_generation(process, folder, number):
 
 
 def test_killed_at_random_moments(long_run, tmp_path):
-    """Kills before and during the search, and after it: while measuring or between two files."""
-    chance = random.Random(3)
+    """Kills while it starts, searches, writes a checkpoint, measures, and writes its files."""
     folder = tmp_path / "run"
-    process = start(folder, "--resume")
-    time.sleep(chance.uniform(0.1, 0.5))
-    process.kill()
-    process.communicate(timeout=TIMEOUT)
-    killed = 0
-    while (done := len(list(folder.glob("checkpoint/generation-*")))) < LONG:
-        process = start(folder, "--resume")
-        wait_for_generation(process, folder, min(LONG, done + chance.randint(3, 20)))
-        time.sleep(chance.uniform(0, 0.05))
-        process.kill()
-        process.communicate(timeout=TIMEOUT)
-        killed += process.returncode == -signal.SIGKILL
-    assert killed >= 3
-    process = start(folder, "--resume")
-    assert process.communicate(timeout=TIMEOUT)[1] == ""
-    assert process.returncode == 0
+    (tmp_path / "test.toml").write_text(text_of(generations=LONG))
+    last = generation(folder, LONG).name
+    met = kill_and_resume(("pareto", "test.toml"), folder, random.Random(3), last)
+    assert met.kills >= 12
+    assert min(met.torn, met.after) >= 1
     assert read(folder) == read(long_run)
+    assert not list(folder.rglob("*.pmopt-tmp"))
     resumes = manifest_of(folder)["resumes"]
-    # The first process may have got as far as a generation, or not.
-    assert len(resumes) in (killed, killed + 1)
+    # A process that is killed before it has looked into the folder takes nothing up.
+    assert len(resumes) <= met.kills
     assert resumes == sorted(resumes)
     assert resumes[-1] == LONG
 

@@ -4,14 +4,13 @@ import random
 import shlex
 import shutil
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
-from cli_runner import TIMEOUT, environment, error_line, files_in, here, strict_json
+from cli_runner import TIMEOUT, error_line, files_in, here, strict_json
 from hypothesis import given
 from hypothesis import strategies as st
+from killing import checkpoints, kill_and_resume, outputs, start
 
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sums import Sums
@@ -34,26 +33,11 @@ RUNS = {
     "sobol": {"samples": 3 * BLOCK, "sampler": "sobol", "replicates": 16},
 }
 SHORT = [name for name in RUNS if name != "long"]
-#: A process that keeps every block and draws nothing, which would take longer than all the rest.
-PROCESS = """
-import sys, types
-from pmopt.cli import entry
-from pmopt.reporting import workspace_checkpoint as kept
-kept.EVERY = 0.0
-sys.modules["pmopt.reporting.pictures"] = types.SimpleNamespace(of_workspace=lambda *_: {})
-entry.main()
-"""
 
 
 def task_of(**settings):
     mechanism = find(MECH)
     return WorkspaceTask(mechanism, mechanism.resolve({}), WorkspaceSettings(**settings), 1, 0)
-
-
-def outputs(folder):
-    """Return all a run has written but the manifest, which tells times."""
-    names = [n for n in files_in(folder) if n != "manifest.json" and "checkpoint/" not in n]
-    return {name: (folder / name).read_bytes() for name in names}
 
 
 def resumes_of(folder):
@@ -287,41 +271,25 @@ def test_what_is_torn_or_foreign_is_refused(long, tmp_path, every_block, damage)
     assert resumes_of(folder) == [BLOCK_CHUNKS]
 
 
-def start(folder):
-    return subprocess.Popen(
-        [sys.executable, "-c", PROCESS, *map(str, LINE[:4]), "--samples", str(LONG),
-         "--out", folder.name, "--resume", "--quiet"],
-        cwd=folder.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(),
-    )  # fmt: skip
+COMMAND = (*LINE[:4], "--samples", LONG)
 
 
 def test_killed_at_random_moments(in_one_go, tmp_path):
-    """Kills while summing, while a checkpoint is written, and while files are."""
-    chance, folder, killed = random.Random(5), tmp_path / "run", 0
-    while True:
-        kept, process = set(files_in(folder)), start(folder)
-        while set(files_in(folder)) <= kept and process.poll() is None and chance.random() > 0.01:
-            time.sleep(0.003)
-        time.sleep(chance.uniform(0, 0.05))
-        process.kill()
-        process.communicate(timeout=TIMEOUT)
-        if process.returncode == 0:
-            break
-        killed += 1
-    assert process.returncode == 0
-    assert killed >= 5
-    assert outputs(folder) == outputs(in_one_go("long"))
-    assert not list(folder.rglob("*.pmopt-tmp"))
-    assert len(resumes_of(folder)) <= killed
+    """Kills while it starts, sums, writes a checkpoint, and writes its files."""
+    last = f"chunk-{LONG // CHUNK:07d}.bin"
+    met = kill_and_resume(COMMAND, tmp_path / "run", random.Random(5), last)
+    assert met.kills >= 5
+    assert outputs(tmp_path / "run") == outputs(in_one_go("long"))
+    assert not list(tmp_path.rglob("*.pmopt-tmp"))
+    assert len(resumes_of(tmp_path / "run")) <= met.kills
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted(in_one_go, tmp_path, number):
     folder = tmp_path / "a run"
-    process = start(folder)
+    process = start(COMMAND, folder)
     deadline = time.monotonic() + TIMEOUT
-    while not list(folder.glob("checkpoint/chunk-*")) and time.monotonic() < deadline:
+    while not checkpoints(folder) and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(number)
     output, errors = process.communicate(timeout=20)

@@ -18,6 +18,8 @@ from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.mechanisms.base import Mechanism, Vector
 from pmopt.numerics import sequences
+from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.specialise import ENTRIES
 
 #: Cells along each axis by number of pose coordinates: some hundred thousand cells in all.
 CELLS = {1: 4096, 2: 512, 3: 72, 4: 26, 5: 14, 6: 9}
@@ -155,6 +157,11 @@ class FieldSweeper(Sweeper):
             home = found, label
             self._maps = {key: home}  # other threads may be at other designs
         return home
+
+    @property
+    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """Of :attr:`kernels`, what sampling calls."""
+        return {self._kernels: ENTRIES[1:]}
 
     def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Return margin and LCI of the block; outside the home aspect the margin is negative."""

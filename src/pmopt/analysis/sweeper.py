@@ -297,6 +297,11 @@ class Sweeper:
         found[self._kernels] = (*found.get(self._kernels, ()), *ENTRIES[1:])
         return found
 
+    @property
+    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """Of :attr:`kernels`, what sampling calls."""
+        return {self._sweep: ("sweep",)}
+
     def for_purpose(self, purpose: str) -> Sweeper:
         """Return a sweeper with the same settings and independent sample points."""
         other = copy.copy(self)

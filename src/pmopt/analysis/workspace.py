@@ -248,8 +248,7 @@ def compute_workspace(
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     check_cells(cells, dimension, "shape_grid")
     sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
-    if cells > 0:
-        warm_up([sweeper], sweeper.threads)
+    warm_up([sweeper], sweeper.threads, shapes=cells > 0)
     design = sweeper.design(mechanism.resolve(params or {}))
     require_home(sweeper, design)
     course = begun or Sums(), keep, progress

@@ -59,7 +59,7 @@ def batch_command(
 
     \b
     Example:
-      pmopt batch configs/quickstart.toml configs/sweep.toml --workers 2 --out outputs/batch
+      pmopt batch configs/batch/links.toml --out outputs/links
 
     Run again with the same --out, it does what is not done yet. On several machines without a
     common cluster, each runs one shard; any of them then merges the folders:
@@ -115,7 +115,7 @@ def batch_command(
         pool = LocalWorkers(count)
     else:
         pool, each = Cluster(scheduler), 1
-    with pool, _progress(quiet, batch) as (on_done, tick):
+    with pool, _progress(quiet, batch, force) as (on_done, tick):
         result = batch.run(
             pool, force=force, threads=each, notify=notify, on_done=on_done, tick=tick
         )
@@ -142,7 +142,7 @@ def _tell(result: BatchResult, form: str) -> int:
 
 @contextmanager
 def _progress(
-    quiet: bool, batch: Batch
+    quiet: bool, batch: Batch, force: bool
 ) -> Iterator[tuple[Callable[[RunSummary], None], Callable[[list[str]], None]]]:
     """Show what is done and what is at work: bars on a terminal, else a line as each run ends."""
     count, done = len(batch.own), 0
@@ -168,15 +168,13 @@ def _progress(
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
         TextColumn("ETA"), Remaining(), console=Console(file=sys.stderr), transient=True,
     ) as progress:  # fmt: skip
-        ready = sum(run.runner.finished(batch.run_folder(run)) for run in batch.own)
+        ready = count - len(batch.todo(force))
         whole = progress.add_task(f"{ready} of {count} runs", total=count, completed=ready)
 
         def on_done_live(run: RunSummary) -> None:
             nonlocal done
             done += 1
-            progress.update(
-                whole, advance=1, description=f"{min(ready + done, count)} of {count} runs"
-            )
+            progress.update(whole, advance=1, description=f"{ready + done} of {count} runs")
             progress.console.print(run.headline, markup=False, highlight=False)
 
         def tick(names: list[str]) -> None:

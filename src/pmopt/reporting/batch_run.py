@@ -165,6 +165,10 @@ class Batch:
         """The runs of this shard."""
         return [run for k, run in enumerate(self.runs) if in_shard(k, self.shard)]
 
+    def todo(self, force: bool) -> list[PlannedRun]:
+        """Return the runs of this shard that are not finished, or all."""
+        return [r for r in self.own if force or not r.runner.finished(self.run_folder(r))]
+
     def run_folder(self, run: PlannedRun) -> Path:
         """Return the folder of a run."""
         return self.folder / RUNS / run.name
@@ -197,10 +201,9 @@ class Batch:
         for run in self.own:
             try:
                 run.runner.sweeper()
+                line = self._of_folder(run, force)
             except InputError as error:
                 line = f"{run.source}: {error}"
-            else:
-                line = self._of_folder(run, force)
             if line:
                 wrong[line] = wrong.get(line, 0) + 1
         if wrong:
@@ -237,7 +240,7 @@ class Batch:
         return (
             manifest is not None
             and (_read_plan(self.folder) or {}).get("runs") == [r.to_dict() for r in self.runs]
-            and all(run.runner.finished(self.run_folder(run)) for run in self.own)
+            and not self.todo(force=False)
         )
 
     def run(
@@ -269,7 +272,7 @@ class Batch:
         folder.open()
         with self._locked() as key:
             write_atomic(self.folder / PLAN, self._plan_text())
-            todo = [run for run in own if force or not run.runner.finished(self.run_folder(run))]
+            todo = self.todo(force)
             if todo and pool.local:
                 warm_up(_distinct_sweepers(todo, notify), pool.local)
             jobs = []

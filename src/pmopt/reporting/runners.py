@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
 from pmopt.analysis.sweeper import Notify, Sweeper
@@ -168,9 +169,10 @@ class ParetoRunner(Runner):
 
     def sweeper(self, notify: Notify | None = None) -> Sweeper:
         """Return the problem's sweeper."""
-        from pmopt.synthesis.problem import DesignProblem
-
-        return DesignProblem(self.config, 1, notify).sweeper
+        config = self.config
+        return make_sweeper(
+            find(config.mechanism), config.workspace, config.algorithm.seed, 1, notify
+        )
 
     def run(
         self, folder: Path, *, force: bool, threads: int | None, beat: Beat | None = None
@@ -275,8 +277,6 @@ class WorkspaceRunner(Runner):
 
     def sweeper(self, notify: Notify | None = None) -> Sweeper:
         """Return the task's sweeper."""
-        from pmopt.analysis.aspects import make_sweeper
-
         return make_sweeper(self.task.mechanism, self.task.settings, self.task.seed, 1, notify)
 
     def run(

@@ -19,6 +19,7 @@ from pmopt.analysis.estimates import Estimate, Estimates, PopulationEstimates, o
 from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import split_samples
 from pmopt.analysis.sweeper import Design, Notify, Tallies
+from pmopt.analysis.warmup import warm_up
 from pmopt.analysis.workspace import measure_on_grids, measure_to_target
 from pmopt.mechanisms import find
 from pmopt.numerics.sequences import Sequence as Points
@@ -154,6 +155,8 @@ class DesignProblem:
         #: Samples of a design: of each in the search, where it does not choose them itself.
         #: None on grids and to a target error.
         self.samples = config.search_samples
+        if cluster is None:
+            warm_up([self.sweeper], self.sweeper.threads, shapes=self._projects)
 
     @property
     def first_samples(self) -> int | None:

@@ -183,7 +183,7 @@ def main() -> None:
     number = {"type": lambda text: int(float(text))}
     parser.add_argument("--threads", **number, default=96, help="that sleep")
     parser.add_argument("--designs", **number, default=5000, help="to time")
-    parser.add_argument("--runs", **number, default=20, help="of the batch")
+    parser.add_argument("--runs", **number, default=8, help="of the batch")
     parser.add_argument("--rounds", **number, default=5, help="repetitions")
     given = parser.parse_args()
     coarse, fine = designs(given.designs, given.rounds)

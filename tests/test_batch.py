@@ -129,7 +129,8 @@ def run(batch, pool=None, **options):
 class Here:
     """A pool of this process."""
 
-    local, running = 1, ()
+    local = threads = 1
+    running = ()
 
     def completed(self, function, items, tick):
         for number, item in enumerate(items):
@@ -504,7 +505,7 @@ def test_more_configurations_join_a_finished_batch(undisturbed, write, tmp_path)
     run(batch)
     stamp = (tmp_path / "out" / "runs" / "a" / "manifest.json").read_bytes()
     more = batch_of(tmp_path, write("a.toml"), write("w.toml", WORKSPACE))
-    more.check(False, print)
+    more.check(False)
     assert not more.finished()
     assert [r.name for r in run(more).runs] == ["a", "w-seed=1", "w-seed=2"]
     assert (tmp_path / "out" / "runs" / "a" / "manifest.json").read_bytes() == stamp
@@ -514,10 +515,10 @@ def test_folder_of_another_command_is_kept(undisturbed, write, tmp_path):
     batch = batch_of(tmp_path, write("a.toml"), out="other")
     shutil.copytree(undisturbed / "out" / "runs" / "one", tmp_path / "other")
     with pytest.raises(InputError, match="holds a finished pareto run, not a batch"):
-        batch.check(False, print)
+        batch.check(False)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file, not a folder"):
-        batch_of(tmp_path, write("a.toml"), out="file").check(False, print)
+        batch_of(tmp_path, write("a.toml"), out="file").check(False)
 
 
 @pytest.mark.parametrize("force", [False, True])
@@ -533,6 +534,38 @@ def test_nothing_is_written_through_a_link(write, tmp_path, place, force):
     result = here("batch", write("a.toml"), "--out", "out", *options, cwd=tmp_path)
     assert "is a symbolic link, a batch writes into its own folder only" in error_line(result)
     assert list(elsewhere.iterdir()) == []
+
+
+def test_folder_that_can_not_be_written(write, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = here("batch", write("a.toml"), "--out", "file/out", cwd=tmp_path)
+    assert error_line(result, 1) == "error: file/out: can not write: Not a directory"
+
+
+def test_from_python(undisturbed, tmp_path, monkeypatch):
+    monkeypatch.chdir(undisturbed)
+    found = package.batch(["one.toml", Path("space.toml")], tmp_path / "out", workers=2)
+    assert [r.name for r in found.runs] == ["one", "space-seed=1", "space-seed=2"]
+    assert found.complete
+    for name, data in results(tmp_path / "out").items():
+        if name != "summary.csv":
+            assert data == (undisturbed / "out" / name).read_bytes()
+
+
+SHARES = {
+    (8, 4, None, None): (4, 1), (8, None, None, None): (4, 1), (3, None, None, None): (1, 4),
+    (8, None, 2, None): (1, 2), (8, None, 1, None): (4, 1), (8, 1, None, None): (1, 4),
+    (8, 1, 3, None): (1, 3), (1, 8, 1, None): (8, 1), (4, None, None, None): (4, 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "expected"), SHARES.items())
+def test_either_processes_or_threads(monkeypatch, given, expected):
+    """On four cores: runs, workers, threads and scheduler to processes and threads of each."""
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "4")
+    share = batch_run.shares(*given)
+    assert (share.workers, share.threads) == expected
+    assert 1 in expected
 
 
 def test_names_stay_in_the_folder(write, tmp_path):
@@ -567,7 +600,7 @@ def test_dry_run(undisturbed, tmp_path):
 
 def test_what_is_shipped_is_a_batch(tmp_path):
     batch = batch_of(tmp_path, *sorted((CONFIGS / "batch").glob("*.toml")))
-    batch.check(False, print)
+    batch.check(False)
     commands = {r.name: r.runner.command for r in batch.runs}
     assert commands == {
         **{f"links-l2={x}-seed={s}": "pareto" for x in (0.8, 1.1, 1.4) for s in (1, 2)},

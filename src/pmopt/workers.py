@@ -38,6 +38,10 @@ class Pool(Protocol):
         """Processes on this machine."""
 
     @property
+    def threads(self) -> int:
+        """Items it computes at once."""
+
+    @property
     def running(self) -> list[int]:
         """Numbers of the items that are being computed, as far as that is known."""
 
@@ -97,6 +101,11 @@ class LocalWorkers:
     def __init__(self, count: int) -> None:
         self.local = count
         self._workers: list[_Worker[Any, Any]] = []
+
+    @property
+    def threads(self) -> int:
+        """Items computed at once."""
+        return self.local
 
     @property
     def running(self) -> list[int]:

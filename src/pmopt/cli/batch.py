@@ -68,10 +68,8 @@ def batch_command(
       pmopt batch 'configs/*.toml' --shard 2/5 --out shard-2
       pmopt batch --merge shard-1 shard-2 shard-3 shard-4 shard-5 --out all
     """
-    from pmopt.cluster import Cluster
     from pmopt.reporting import batch_run, run_folder
     from pmopt.reporting.batch_plan import find_configs, parse_shard, plan_runs
-    from pmopt.workers import LocalWorkers
 
     notify = notifier(quiet)
     if merge:
@@ -85,23 +83,15 @@ def batch_command(
         return _tell(
             batch_run.merge(folders, out or run_folder.default_folder("batch"), force), form
         )
-    if scheduler is not None and (workers or threads):
-        other = "--workers" if workers else "--threads"
-        raise InputError(f"--scheduler and {other} exclude each other: the cluster has its own")
-    if (workers or 1) > 1 and (threads or 1) > 1:
-        raise InputError("--workers and --threads exclude each other: one of them may be over 1")
     options.check_resume(resume, force, out)
     part = None if shard is None else parse_shard(shard)
     runs = plan_runs(find_configs(configs))
     batch = batch_run.Batch(runs, out or run_folder.default_folder("batch"), part)
-    batch.check(force, notify)
+    batch.check(force)
+    share = batch_run.shares(len(batch.own), workers, threads, scheduler)
     if dry_run:
-        if scheduler is None:
-            count = _shares(workers, threads, len(batch.own))[0]
-        else:
-            with Cluster(scheduler) as cluster:
-                count = cluster.threads
-        plan = batch.plan(count, force, notify)
+        with share.pool() as pool:
+            plan = batch.plan(pool.threads, force, notify)
         emit(form, plan.to_dict(), [plan.table()])
         return 0
     if resume and batch.finished():
@@ -109,30 +99,11 @@ def batch_command(
         return 0
     folder = "" if out else f" --out {shlex.quote(str(batch.folder))}"
     options.set_resume_hint(f"; continue with: {options.resuming()}{folder}")
-    pool: Cluster | LocalWorkers
-    if scheduler is None:
-        count, each = _shares(workers, threads, len(batch.own))
-        pool = LocalWorkers(count)
-    else:
-        pool, each = Cluster(scheduler), 1
-    with pool, _progress(quiet, batch, force) as (on_done, tick):
+    with share.pool() as pool, _progress(quiet, batch, force) as (on_done, tick):
         result = batch.run(
-            pool, force=force, threads=each, notify=notify, on_done=on_done, tick=tick
+            pool, force=force, threads=share.threads, notify=notify, on_done=on_done, tick=tick
         )
     return _tell(result, form)
-
-
-def _shares(workers: int | None, threads: int | None, runs: int) -> tuple[int, int]:
-    """Return the number of processes and the threads of each: one of them is 1.
-
-    A few runs on many cores go one after the other, each on all of them.
-    """
-    from pmopt.threads import default_threads
-
-    cores = default_threads()
-    if workers is None:
-        workers = 1 if (threads or 1) > 1 or runs < cores else cores
-    return workers, (threads or cores) if workers == 1 else 1
 
 
 def _tell(result: BatchResult, form: str) -> int:

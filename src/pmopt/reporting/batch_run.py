@@ -15,19 +15,27 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TextIO
 
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.warmup import warm_up
 from pmopt.checkpoint import differences
+from pmopt.cluster import Cluster
 from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
-from pmopt.files import remove_leftovers, write_atomic
-from pmopt.reporting.batch_plan import PlannedRun, in_shard
+from pmopt.files import write_atomic
+from pmopt.reporting.batch_plan import (
+    PlannedRun,
+    find_configs,
+    in_shard,
+    parse_shard,
+    plan_runs,
+)
 from pmopt.reporting.batch_summary import FAILURE, BatchResult, RunSummary, Status, summary_of
 from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
 from pmopt.reporting.runners import RUNNERS
 from pmopt.reporting.table import Table, to_csv
-from pmopt.workers import Pool
+from pmopt.threads import default_threads
+from pmopt.workers import LocalWorkers, Pool
 
 PLAN, SUMMARY, LOCK = "batch.json", "summary.csv", "batch.lock"
 #: Folder of the runs' folders.
@@ -72,6 +80,92 @@ class BatchPlan:
         note = f"on {self.workers} workers about {self.seconds:.2g} s"
         display = tuple((*row[:-1], f"{row[-1]:.2g}") for row in self.rows)
         return Table("Dry run", self.columns, self.rows, self.units, (note,), display)
+
+
+@dataclass(frozen=True)
+class Share:
+    """How work is shared: over processes or over the threads of each, never both.
+
+    Attributes
+    ----------
+    workers, threads : int
+        Processes of this machine and threads of each run; one of them is 1.
+    scheduler : str or None
+        Of the Dask cluster that is used instead.
+    """
+
+    workers: int
+    threads: int
+    scheduler: str | None
+
+    def pool(self) -> LocalWorkers | Cluster:
+        """Return what runs the runs, a context."""
+        return LocalWorkers(self.workers) if self.scheduler is None else Cluster(self.scheduler)
+
+
+def shares(
+    runs: int, workers: int | None = None, threads: int | None = None, scheduler: str | None = None
+) -> Share:
+    """Return how runs are shared.
+
+    Where nothing is said: fewer runs than cores go one after the other, each on all of them.
+
+    Raises
+    ------
+    InputError
+        For what excludes each other.
+    """
+    if scheduler is not None:
+        if workers or threads:
+            other = "--workers" if workers else "--threads"
+            raise InputError(f"--scheduler and {other} exclude each other: the cluster has its own")
+        return Share(0, 1, scheduler)
+    if (workers or 1) > 1 and (threads or 1) > 1:
+        raise InputError("--workers and --threads exclude each other: one of them may be over 1")
+    cores = default_threads()
+    if workers is None:
+        workers = 1 if (threads or 1) > 1 or runs < cores else cores
+    return Share(workers, (threads or cores) if workers == 1 else 1, None)
+
+
+def run_batch(
+    configs: Sequence[str],
+    out: Path,
+    *,
+    workers: int | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    force: bool = False,
+    notify: Notify | None = None,
+) -> BatchResult:
+    """Run configurations, or what is not done of them, into a folder.
+
+    Parameters
+    ----------
+    configs : sequence of str
+        Files and globs.
+    out : Path
+    workers, threads, scheduler
+        See :func:`shares`.
+    shard : str, optional
+        ``"2/5"``: only the second of five parts.
+    force : bool
+        Start every run afresh.
+    notify : callable, optional
+
+    Raises
+    ------
+    InputErrors
+        With a line for everything that is wrong, before anything is run.
+    """
+    notify = notify or (lambda text: None)
+    part = None if shard is None else parse_shard(shard)
+    batch = Batch(plan_runs(find_configs(configs)), out, part)
+    batch.check(force)
+    share = shares(len(batch.own), workers, threads, scheduler)
+    with share.pool() as pool:
+        return batch.run(pool, force=force, threads=share.threads, notify=notify)
 
 
 @dataclass(frozen=True)
@@ -173,7 +267,7 @@ class Batch:
         """Return the folder of a run."""
         return self.folder / RUNS / run.name
 
-    def check(self, force: bool, notify: Notify) -> None:
+    def check(self, force: bool) -> None:
         """Refuse what can not be run, before anything is.
 
         Raises
@@ -269,8 +363,8 @@ class Batch:
         """
         own = self.own
         folder = RunFolder(self.folder, force=True)
-        folder.open()
         with self._locked() as key:
+            folder.open()
             write_atomic(self.folder / PLAN, self._plan_text())
             todo = self.todo(force)
             if todo and pool.local:
@@ -348,16 +442,18 @@ class Batch:
     def _locked(self) -> Iterator[str]:
         """Keep others from the folder, and give the key that tells workers they are wanted."""
         path, key = self.folder / LOCK, uuid.uuid4().hex
-        remove_leftovers(self.folder)
-        with path.open("a+", encoding="utf-8") as stream:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            stream = path.open("a+", encoding="utf-8")
+        except OSError as error:
+            raise PmoptError(f"{self.folder}: can not write: {error.strerror or error}") from error
+        with stream:
             try:
-                import fcntl
-
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                _lock(stream)
+                if path.stat().st_ino != os.fstat(stream.fileno()).st_ino:
+                    raise BlockingIOError  # the other one has just ended
+            except (BlockingIOError, FileNotFoundError):
                 raise PmoptError(f"{self.folder}: another pmopt batch is writing it") from None
-            except (ImportError, OSError):  # a file system or system without such locks
-                pass
             stream.truncate(0)
             stream.write(key)
             stream.flush()
@@ -366,6 +462,25 @@ class Batch:
                 yield key
             finally:
                 path.unlink(missing_ok=True)
+
+
+def _lock(stream: TextIO) -> None:
+    """Lock a file, for as long as this process has it open, where the system can.
+
+    Raises
+    ------
+    BlockingIOError
+        When another process has it.
+    """
+    with contextlib.suppress(ImportError):
+        import fcntl
+
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:  # a file system without locks
+            pass
 
 
 def _plain(run: PlannedRun) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import pmopt as package
-from pmopt.errors import InputError, InputErrors
+from pmopt.errors import InputError, InputErrors, PmoptError
 from pmopt.mechanisms import find, names
 from pmopt.reporting import batch_run
 from pmopt.reporting.batch_plan import (
@@ -79,7 +79,7 @@ samples = 2000
 seed = [1, 2]
 """
 #: Long enough to be hit in the middle.
-LONG = f"""{PARETO.replace("generations = 4", "generations = 300")}
+LONG = f"""{PARETO.replace("generations = 4", "generations = 200")}
 [sweep]
 "algorithm.seed" = [1, 2, 3]
 """
@@ -430,6 +430,7 @@ def test_footprint_is_best_where_it_is_least(tmp_path):
     assert found.shown("best_gci") == "0.400 ± 0.02"
 
 
+@pytest.mark.slow
 def test_process_workers_and_glob(undisturbed, tmp_path):
     """As a process, on three worker processes: the same bytes, each run told, JSON on stdout."""
     out = tmp_path / "out"
@@ -536,12 +537,23 @@ def test_nothing_is_written_through_a_link(write, tmp_path, place, force):
     assert list(elsewhere.iterdir()) == []
 
 
+def test_lock_is_no_way_out(write, tmp_path):
+    precious = tmp_path / "precious"
+    precious.write_text("kept")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "batch.lock").symlink_to(precious)
+    result = here("batch", write("a.toml"), "--out", "out", cwd=tmp_path)
+    assert "out: can not write: " in error_line(result, 1)
+    assert precious.read_text() == "kept"
+
+
 def test_folder_that_can_not_be_written(write, tmp_path):
     (tmp_path / "file").write_text("")
     result = here("batch", write("a.toml"), "--out", "file/out", cwd=tmp_path)
     assert error_line(result, 1) == "error: file/out: can not write: Not a directory"
 
 
+@pytest.mark.slow
 def test_from_python(undisturbed, tmp_path, monkeypatch):
     monkeypatch.chdir(undisturbed)
     found = package.batch(["one.toml", Path("space.toml")], tmp_path / "out", workers=2)
@@ -651,6 +663,7 @@ def test_another_command_joins_by_a_class(write, tmp_path, monkeypatch):
         plan_runs([write("f.toml", "say = 3")])
 
 
+@pytest.mark.slow
 def test_live_view(long_batch, tmp_path):
     """On a terminal: what is done of all runs, and of those at work; stdout stays clean."""
     path, _ = long_batch
@@ -679,6 +692,7 @@ def test_every_run_is_in_one_shard(shards, count):
     assert parse_shard(f"{shards}/{shards}") == (shards, shards)
 
 
+@pytest.mark.slow
 def test_shards_merge_to_the_summary_of_the_whole(undisturbed, tmp_path):
     folders = [tmp_path / f"shard-{k}" for k in (1, 2, 3)]
     for k in (3, 1):
@@ -768,11 +782,12 @@ def long_batch(tmp_path_factory):
     return folder / "long.toml", folder / "out"
 
 
+@pytest.mark.slow
 def test_killed_and_run_again(long_batch, tmp_path):
     """Killed without a chance to tidy up: the workers end too, and the next run goes on."""
     path, whole = long_batch
     out = tmp_path / "out"
-    for enough in (20, 350):
+    for enough in (20, 250):
         process = start(out, path, "--workers", 2)
         wait_for(lambda: generations(out) >= enough, process)  # noqa: B023
         workers = children(process)
@@ -781,7 +796,7 @@ def test_killed_and_run_again(long_batch, tmp_path):
         assert gone(workers)
     assert not (out / "manifest.json").exists()
     done = generations(out)
-    assert enough <= done < 3 * 300
+    assert enough <= done < 3 * 200
     result = pmopt("batch", path, "--workers", 2, "--out", out, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert results(out) == results(whole)
@@ -790,6 +805,7 @@ def test_killed_and_run_again(long_batch, tmp_path):
     assert not list(out.glob("*.lock"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_and_continued_as_it_says(long_batch, tmp_path, number):
     path, whole = long_batch
@@ -815,6 +831,7 @@ def test_interrupted_and_continued_as_it_says(long_batch, tmp_path, number):
     assert results(out) == results(whole)
 
 
+@pytest.mark.slow
 def test_worker_process_killed(long_batch, tmp_path):
     """A worker that is killed costs nothing: another one goes on with its run."""
     path, whole = long_batch
@@ -874,6 +891,7 @@ def test_a_run_whose_batch_has_gone_stops(tmp_path, monkeypatch):
     assert not (tmp_path / "run" / "manifest.json").exists()
 
 
+@pytest.mark.slow
 def test_a_worker_that_does_not_see_the_folder_sends_the_files(undisturbed, write, tmp_path):
     class Far(Here):
         """Workers on a machine of their own."""
@@ -885,6 +903,13 @@ def test_a_worker_that_does_not_see_the_folder_sends_the_files(undisturbed, writ
                 far = Job(**{**vars(item), "lock": "/nowhere/batch.lock", "folder": "/nowhere"})
                 yield number, function(far)
 
+    class Lies(Here):
+        def completed(self, function, items, tick):
+            yield 0, batch_run.Outcome(files={"../../precious": b""})
+
+    with pytest.raises(PmoptError, match="a worker sent a file of the name"):
+        run(batch_of(tmp_path, write("a.toml"), out="lies"), Lies())
+    assert not (tmp_path / "lies" / "precious").exists()
     batch = Batch(plan_runs([str(undisturbed / f"{n}.toml") for n in ("grid", "one", "space")]),
                   tmp_path / "out")  # fmt: skip
     assert run(batch, Far()).complete
@@ -894,6 +919,7 @@ def test_a_worker_that_does_not_see_the_folder_sends_the_files(undisturbed, writ
 # --- on a Dask cluster ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_on_a_cluster(undisturbed, cluster, tmp_path):
     out = tmp_path / "out"
     result = pmopt("batch", "*.toml", "--scheduler", cluster.scheduler_address, "--out", out,
@@ -904,6 +930,7 @@ def test_on_a_cluster(undisturbed, cluster, tmp_path):
     assert result.stdout == (undisturbed / "out" / "summary.csv").read_text()
 
 
+@pytest.mark.slow
 def test_worker_of_a_cluster_killed(long_batch, cluster, tmp_path):
     """Killed in the middle of a run, which another worker goes on with."""
     path, whole = long_batch
@@ -916,6 +943,7 @@ def test_worker_of_a_cluster_killed(long_batch, cluster, tmp_path):
     assert results(out) == results(whole)
 
 
+@pytest.mark.slow
 def test_interrupted_on_a_cluster(long_batch, cluster, tmp_path):
     path, whole = long_batch
     out = tmp_path / "out"

@@ -116,7 +116,7 @@ def kill_a_worker(cluster):
     os.kill(next(iter(cluster.workers.values())).process.process.pid, signal.SIGKILL)
 
 
-LARGE = ("workspace", MECH, "--samples", 4_000_000_000, "--shape-grid", 0, "--format", "json")
+LARGE = ("workspace", MECH, "--samples", 3_000_000_000, "--shape-grid", 0, "--format", "json")
 
 
 @pytest.fixture(scope="module")

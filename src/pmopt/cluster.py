@@ -109,7 +109,7 @@ class Cluster:
                     found = error
                 yield number, found
         finally:
-            self._client.cancel(futures)
+            self._drop(futures)
 
     def ordered_map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
@@ -131,7 +131,7 @@ class Cluster:
                     pending.extend(self._submit(function, list(islice(source, ahead // 2))))
                 yield from self._results(ready)
         finally:
-            self._client.cancel(list(pending))
+            self._drop(list(pending))
 
     def close(self) -> None:
         """Leave the cluster; its workers stay."""
@@ -155,6 +155,11 @@ class Cluster:
             key=[f"{function.__name__}-{run}-{number}" for number in range(len(items))],
         )  # fmt: skip
         return futures
+
+    def _drop(self, futures: list[Any]) -> None:
+        """Give tasks up; a client that has left has done so."""
+        if self._client.status == "running":
+            self._client.cancel(futures)
 
     def _results(self, futures: list[Any]) -> list[Any]:
         """Return the results of tasks, or raise the first error as one line."""

@@ -116,7 +116,8 @@ def _progress(
     quiet: bool, batch: Batch, force: bool
 ) -> Iterator[tuple[Callable[[RunSummary], None], Callable[[list[str]], None]]]:
     """Show what is done and what is at work: bars on a terminal, else a line as each run ends."""
-    count, done = len(batch.own), 0
+    count = len(batch.own)
+    done = count - len(batch.todo(force))
 
     if quiet or not sys.stderr.isatty():
 
@@ -124,7 +125,7 @@ def _progress(
             nonlocal done
             done += 1
             if not quiet:
-                click.echo(f"[{done}] {run.headline}", err=True)
+                click.echo(f"[{done}/{count}] {run.headline}", err=True)
 
         yield on_done, lambda names: None
         return
@@ -139,13 +140,12 @@ def _progress(
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
         TextColumn("ETA"), Remaining(), console=Console(file=sys.stderr), transient=True,
     ) as progress:  # fmt: skip
-        ready = count - len(batch.todo(force))
-        whole = progress.add_task(f"{ready} of {count} runs", total=count, completed=ready)
+        whole = progress.add_task(f"{done} of {count} runs", total=count, completed=done)
 
         def on_done_live(run: RunSummary) -> None:
             nonlocal done
             done += 1
-            progress.update(whole, advance=1, description=f"{ready + done} of {count} runs")
+            progress.update(whole, advance=1, description=f"{done} of {count} runs")
             progress.console.print(run.headline, markup=False, highlight=False)
 
         def tick(names: list[str]) -> None:

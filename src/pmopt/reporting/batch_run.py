@@ -428,6 +428,8 @@ class Batch:
             folder = RunFolder(path, force=True)
             folder.open()
             for name in sorted(outcome.files, key=lambda name: name == MANIFEST):
+                if Path(name).is_absolute() or ".." in Path(name).parts:
+                    raise PmoptError(f"{path}: a worker sent a file of the name {name}")
                 write_atomic(path / name, outcome.files[name])
 
     def _plan_text(self) -> str:
@@ -444,7 +446,9 @@ class Batch:
         path, key = self.folder / LOCK, uuid.uuid4().hex
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            stream = path.open("a+", encoding="utf-8")
+            # A link there would lead out of the folder.
+            flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+            stream = os.fdopen(os.open(path, flags, 0o644), "r+", encoding="utf-8")
         except OSError as error:
             raise PmoptError(f"{self.folder}: can not write: {error.strerror or error}") from error
         with stream:

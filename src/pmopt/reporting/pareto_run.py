@@ -41,17 +41,20 @@ class ParetoRun:
         ``front``, ``regions``, ``history`` and ``evaluations``.
     target_error : float
         Relative standard error the front was to be measured to.
+    failures : dict
+        Why how many designs could not be evaluated.
     """
 
     folder: Path | None
     front: Front
     tables: dict[str, pd.DataFrame]
     target_error: float
+    failures: dict[str, int]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         out = None if self.folder is None else str(self.folder)
-        return {"out": out, **self.front.to_dict()}
+        return {"out": out, **self.front.to_dict(), "failures": self.failures}
 
 
 def run_pareto(
@@ -131,8 +134,12 @@ def run_pareto(
     tables["front"] = front_table(front)
     tables["regions"] = regions_table(front, config)
     if folder is not None:
-        write_run(folder, config, front, tables, checkpoint.resumes if checkpoint else [])
-    return ParetoRun(out, front, tables, config.final.target_error)
+        resumes = checkpoint.resumes if checkpoint else []
+        write_run(folder, config, front, tables, resumes, problem.failures)
+    if problem.failures and notify:
+        reasons = "; ".join(f"{why} ({n})" for why, n in problem.failures.items())
+        notify(f"{sum(problem.failures.values())} designs could not be evaluated: {reasons}")
+    return ParetoRun(out, front, tables, config.final.target_error, problem.failures)
 
 
 def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
@@ -186,6 +193,7 @@ def write_run(
     front: Front,
     tables: dict[str, pd.DataFrame],
     resumes: list[int],
+    failures: dict[str, int],
 ) -> None:
     """Write tables, pictures and the manifest."""
     document = {
@@ -194,6 +202,7 @@ def write_run(
         "seed": config.algorithm.seed,
         "result": front.to_dict(),
         "resumes": resumes,
+        "failures": failures,
         "units": front.units,
     }
     if config.adaptive:

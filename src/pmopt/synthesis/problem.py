@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +15,12 @@ from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.estimates import Estimate, Estimates, PopulationEstimates, of_population
 from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import split_samples
-from pmopt.analysis.sweeper import Design, Notify, Tallies
+from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
 from pmopt.analysis.warmup import warm_up
 from pmopt.analysis.workspace import measure_on_grids, measure_to_target
+from pmopt.errors import InputError, PmoptError, UnreachableError
 from pmopt.mechanisms import find
+from pmopt.mechanisms.base import Parameters
 from pmopt.numerics.sequences import Sequence as Points
 from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
 from pmopt.threads import ordered_map
@@ -138,6 +141,7 @@ class DesignProblem:
         #: Samples of a design: of each in the search, where it does not choose them itself.
         #: None on grids and to a target error.
         self.samples = config.search_samples
+        self._reasons: dict[tuple[float | None, ...], str] = {}
         warm_up([self.sweeper], self.sweeper.threads, shapes=self._projects)
 
     @property
@@ -173,8 +177,41 @@ class DesignProblem:
                 for p in self.mechanism.parameters}  # fmt: skip
 
     def design(self, row: NDArray[np.float64]) -> Design:
-        """Return a design ready to be swept."""
-        return self.sweeper.design(self.parameters(row))
+        """Return a design ready to be swept; one that can not be made ready reaches nothing."""
+        parameters = self.parameters(row)
+        try:
+            return self.sweeper.design(parameters)
+        except Exception as error:
+            self._failed(parameters, error)
+            return self.sweeper.nothing(parameters)
+
+    def _project(self, sweeper: Sweeper, design: Design, samples: int) -> Projection:
+        """Return what a design takes of space; where that fails, of nothing."""
+        try:
+            return measure_projection(sweeper, design, samples)
+        except Exception as error:
+            self._failed(design.parameters, error)
+            return measure_projection(sweeper, sweeper.nothing(design.parameters), samples)
+
+    def _failed(self, parameters: Parameters, error: Exception) -> None:
+        """Record why one design can not be evaluated; raise what concerns all of them."""
+        wrong = isinstance(error, InputError) and not isinstance(error, UnreachableError)
+        if wrong or isinstance(error, MemoryError):
+            raise error
+        text = str(error) if isinstance(error, PmoptError) else f"{type(error).__name__}: {error}"
+        self._reasons[tuple(parameters.values())] = text
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Why how many designs could not be evaluated so far, the most frequent reason first."""
+        return dict(Counter(self._reasons.values()).most_common())
+
+    def recall(self, evaluated: Evaluations) -> None:
+        """Find again why designs failed whose evaluations are recorded."""
+        for row in evaluated.variables[np.isnan(evaluated.values).any(axis=1)]:
+            design = self.design(row)
+            if self._projects:
+                self._project(self._alone, design, FIRST_SAMPLES)
 
     def evaluate(self, variables: NDArray[np.float64], samples: int | None = None) -> Evaluations:
         """Evaluate a whole population.
@@ -264,7 +301,7 @@ class DesignProblem:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
         found = list(
             ordered_map(
-                lambda design: measure_projection(self._alone, design, samples),
+                lambda design: self._project(self._alone, design, samples),
                 designs,
                 self.sweeper.threads,
             )
@@ -315,7 +352,7 @@ class DesignProblem:
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
         by_name = {"volume": found.volume, "gci": found.gci}
         if self._projects:
-            space: Projection = measure_projection(self._final, design, FINAL_PROJECTION)
+            space: Projection = self._project(self._final, design, FINAL_PROJECTION)
             by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
         return found, by_name
 

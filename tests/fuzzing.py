@@ -312,7 +312,9 @@ def workspace_commands(draw, wide=True):
             jacobian_options(),
             lengths.map(lambda v: ["--link-diameter", v]),
             lengths.map(lambda v: ["--cone-angle", v]),
-            st.lists(numbers(scale), min_size=2, max_size=4).map(lambda v: ["--tool", ",".join(v)]),
+            mostly(st.just(3), st.integers(2, 4))
+            .flatmap(lambda n: st.tuples(*[lengths] * n))
+            .map(lambda v: ["--tool", ",".join(v)]),
             st.just(["--aspect", "home"]),
             st.sampled_from(["translational", "rotational"]).map(lambda v: ["--block", v]),
         ]

@@ -98,10 +98,10 @@ def run_pareto(
         checkpoint = Checkpoint(folder.path, problem)
         if resume and begun:
             recorded = checkpoint.resume(notify)
-            folder.open()
         else:
-            folder.open()
             checkpoint.start()
+        folder.open()
+        folder.reopen()
     optimisation = Optimisation(problem)
     generations = []
     try:
@@ -124,6 +124,7 @@ def run_pareto(
     except InfeasibleError:
         if folder is not None:
             folder.write("evaluations.csv", to_csv(tables["evaluations"]))
+            folder.put()
         raise
     front = measure_front(problem, optimisation.candidates, optimisation.reference, on_measured)
     if not front.designs:

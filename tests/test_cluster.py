@@ -7,7 +7,9 @@ import signal
 import subprocess
 import threading
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from cli_runner import COMMAND, TIMEOUT, environment, error_line, here, strict_json
 
@@ -22,7 +24,9 @@ from pmopt.mechanisms import find
 from pmopt.reporting.pareto_run import run_pareto
 from pmopt.reporting.runners import WorkspaceRunner
 from pmopt.reporting.workspace_run import run_workspace
+from pmopt.synthesis import problem as problem_module
 from pmopt.synthesis.config import resolve_config
+from pmopt.synthesis.problem import DesignProblem, evaluate_part
 
 MECH = "2pauu-ppap"
 TABLES = ["front.csv", "regions.csv", "history.csv", "evaluations.csv"]
@@ -212,6 +216,21 @@ def test_search_survives_its_workers_and_an_interruption(cluster, tmp_path):
     assert result.returncode == 0, result.stderr
     for table in TABLES:
         assert (tmp_path / "out" / table).read_bytes() == (tmp_path / "alone" / table).read_bytes()
+
+
+def test_designs_that_fail_on_a_worker_are_told(client, monkeypatch):
+    """What a worker found wrong with single designs reaches the one who asked."""
+    problem = DesignProblem(resolve_config(PARETO, "x"), cluster=client)
+    reasons = {(1.0, 2.0): "no root", (1.5, 2.0): "no root"}
+    sent = evaluate_part
+
+    def told(part):
+        return replace(sent(part), reasons=reasons)
+
+    monkeypatch.setattr(problem_module, "evaluate_part", told)
+    monkeypatch.setattr(client, "ordered_map", lambda function, items: map(function, items))
+    problem.evaluate(np.array([problem.lower, problem.upper]))
+    assert problem.failures == {"no root": 2}
 
 
 # --- the cluster itself -------------------------------------------------------------------------

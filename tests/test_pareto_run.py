@@ -1220,3 +1220,50 @@ def test_leftovers_of_a_kill_are_removed(tmp_path, cut_off):
         path.write_text("torn")
     run_pareto(config_of(), cut_off, resume=True)
     assert not any(path.exists() for path in left)
+
+
+# --- designs that fail --------------------------------------------------------------------
+
+
+@pytest.fixture
+def fragile(monkeypatch):
+    """Let every design with a small l1 fail while it is made ready."""
+    kind = type(package.mechanism(MECH))
+    constants = kind.kernel_constants
+
+    def failing(self, parameters, *rest):
+        if parameters["l1"] < 0.8:
+            raise ZeroDivisionError("division by zero")
+        return constants(self, parameters, *rest)
+
+    monkeypatch.setattr(kind, "kernel_constants", failing)
+
+
+def test_designs_that_fail_are_told_and_left_out(fragile, finished, tmp_path, cut_off):
+    (tmp_path / "test.toml").write_text(text_of())
+    result = here("pareto", "test.toml", "--out", "fragile", "--quiet", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    rows = table(tmp_path / "fragile", "evaluations")
+    failed = [row for row in rows if float(row["l1"]) < 0.8]
+    assert 3 < len(failed) < len(rows)
+    assert all(row["feasible"] == "0" and row["gci"] == "" for row in failed)
+    assert all(float(row["l1"]) >= 0.8 for row in table(tmp_path / "fragile", "front"))
+    told = manifest_of(tmp_path / "fragile")["failures"]
+    assert list(told) == ["ZeroDivisionError: division by zero"]
+    # Beside those of the search there may be some that the influence of parameters is tried on.
+    assert sum(told.values()) >= len(failed)
+    assert manifest_of(finished[0])["failures"] == {}
+    shutil.rmtree(cut_off)
+    shutil.copytree(tmp_path / "fragile", cut_off)
+    (cut_off / "manifest.json").unlink()
+    result = here("pareto", "test.toml", "--out", cut_off, "--resume", cwd=tmp_path)
+    assert manifest_of(cut_off)["failures"] == told
+    (line,) = [line for line in result.stderr.splitlines() if "could not be evaluated" in line]
+    assert "ZeroDivisionError: division by zero" in line
+    assert read(cut_off) == read(tmp_path / "fragile")
+
+
+def test_no_design_that_does_not_fail(fragile, tmp_path):
+    (tmp_path / "test.toml").write_text(text_of(l1="[0.5, 0.7]"))
+    line = error_line(here("pareto", "test.toml", "--out", "run", "--quiet", cwd=tmp_path), code=3)
+    assert "could not be evaluated (ZeroDivisionError: division by zero)" in line

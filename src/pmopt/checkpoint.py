@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.errors import InputError
+from pmopt.errors import InputError, PmoptError
 from pmopt.files import remove_leftovers, write_atomic
 from pmopt.version import __version__
 
@@ -106,17 +106,23 @@ class CheckpointFolder:
         return sum(1 for _ in (folder / FOLDER).glob("*-*.bin"))
 
     def start(self) -> None:
-        """Begin a new run, forgetting any earlier one."""
-        self.clear()
+        """Begin a new run, and then forget any earlier one."""
+        self.resumes = []
         self._write_run()
+        self._remove(self._files())
 
     def clear(self) -> None:
         """Forget the run: first what says that there is one."""
-        (self.folder / _RUN).unlink(missing_ok=True)
-        for path in self._files():
-            path.unlink(missing_ok=True)
+        self._remove([self.folder / _RUN, *self._files()])
         with contextlib.suppress(OSError):  # there is none, or something else is in it
             self.folder.rmdir()
+
+    def _remove(self, paths: list[Path]) -> None:
+        try:
+            for path in paths:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise PmoptError(f"{path}: can not remove: {error.strerror or error}") from error
 
     def check(self) -> None:
         """Refuse to continue what is not this run, or this run cut off.
@@ -165,7 +171,7 @@ class CheckpointFolder:
 
     def remove(self, number: int) -> None:
         """Remove a numbered file."""
-        self._path(number).unlink(missing_ok=True)
+        self._remove([self._path(number)])
 
     def read(self, number: int, notify: Notify | None = None) -> Reached | None:
         """Return one numbered file, None (and a line) where it is torn or another run's."""

@@ -256,6 +256,16 @@ class Sweeper:
             return ready(self._best_length(ready, length))
         return design
 
+    def nothing(self, parameters: Parameters) -> Design:
+        """Return a design with an empty box, for one that can not be made ready."""
+        axes = len(self.mechanism.pose)
+        count = self.mechanism.constant_count
+        count += len(self._check_constants()) if self._checks else 0
+        return Design(
+            parameters, 1.0, {}, np.zeros(axes), np.zeros(axes), np.zeros((axes, 2), dtype=bool),
+            [0.0] * count,
+        )  # fmt: skip
+
     def _check_constants(self) -> list[float]:
         """Return what the margin's checks compare with; see pmopt.numerics.specialise."""
         settings = self.settings

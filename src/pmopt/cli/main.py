@@ -92,6 +92,9 @@ def run(args: list[str] | None = None) -> int:
     """Run the command line and return the exit code; only ``--debug`` lets a traceback out."""
     words = sys.argv[1:] if args is None else args
     debug = "--debug" in words
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell: no file of a run may take its place
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     try:
         result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
         sys.stdout.flush()
@@ -112,6 +115,11 @@ def run(args: list[str] | None = None) -> int:
         # The reader of our output has gone; nothing is left to say, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_RUNTIME
+    except OSError as error:
+        if debug:
+            raise
+        place = error.filename or "output"
+        return _fail(f"{place}: {error.strerror or error}", EXIT_RUNTIME)
     except MemoryError:
         return _fail("out of memory: fewer samples, a smaller grid or population", EXIT_RUNTIME)
     except SystemExit as error:  # click's own answer to a closed stdout

@@ -78,6 +78,18 @@ def common_options(function: Function) -> Function:
     return function
 
 
+class Place(click.Path):
+    """The name of a file or folder; an empty one is a variable of the shell without value."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "" or "\0" in str(value):
+            self.fail(f"{value!r} is not the name of a file or folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
     """A whole number, also written as 1e6 or 1_000_000."""
 
@@ -145,8 +157,7 @@ def out_options(function: Function) -> Function:
     """Add --out and --force."""
     for option in (
         click.option("--force", is_flag=True, help="Overwrite a run in the folder."),
-        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the run's files."),
+        click.option("--out", type=Place(), metavar="DIR", help="Folder of the run's files."),
     ):  # fmt: skip
         function = option(function)
     return function

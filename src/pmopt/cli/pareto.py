@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command("pareto")
-@click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
+@click.argument("config", type=options.Place(), metavar="CONFIG.toml")
 @options.out_options
 @options.resume_option
 @options.threads_option

@@ -367,6 +367,8 @@ class Batch:
             folder.open()
             write_atomic(self.folder / PLAN, self._plan_text())
             todo = self.todo(force)
+            if todo:
+                folder.reopen()
             if todo and pool.local:
                 warm_up(_distinct_sweepers(todo, notify), pool.local)
             jobs = []
@@ -427,6 +429,7 @@ class Batch:
         if outcome.files:
             folder = RunFolder(path, force=True)
             folder.open()
+            folder.reopen()
             for name in sorted(outcome.files, key=lambda name: name == MANIFEST):
                 if Path(name).is_absolute() or ".." in Path(name).parts:
                     raise PmoptError(f"{path}: a worker sent a file of the name {name}")

@@ -43,17 +43,20 @@ class ParetoRun:
         ``front``, ``regions``, ``history`` and ``evaluations``.
     target_error : float
         Relative standard error the front was to be measured to.
+    failures : dict
+        Why how many designs could not be evaluated.
     """
 
     folder: Path | None
     front: Front
     tables: dict[str, pd.DataFrame]
     target_error: float
+    failures: dict[str, int]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         out = None if self.folder is None else str(self.folder)
-        return {"out": out, **self.front.to_dict()}
+        return {"out": out, **self.front.to_dict(), "failures": self.failures}
 
 
 def run_pareto(
@@ -100,10 +103,10 @@ def run_pareto(
         checkpoint = Checkpoint(folder.path, problem)
         if resume and begun:
             recorded = checkpoint.resume(notify)
-            folder.open()
         else:
-            folder.open()
             checkpoint.start()
+        folder.open()
+        folder.reopen()
     optimisation = Optimisation(problem)
     generations = []
     try:
@@ -126,6 +129,7 @@ def run_pareto(
     except InfeasibleError:
         if folder is not None:
             folder.write("evaluations.csv", to_csv(tables["evaluations"]))
+            folder.put()
         raise
     front = measure_front(problem, optimisation.candidates, optimisation.reference, on_measured)
     if not front.designs:
@@ -136,8 +140,12 @@ def run_pareto(
     tables["front"] = front_table(front)
     tables["regions"] = regions_table(front, config)
     if folder is not None:
-        write_run(folder, config, front, tables, checkpoint.resumes if checkpoint else [])
-    return ParetoRun(out, front, tables, config.final.target_error)
+        resumes = checkpoint.resumes if checkpoint else []
+        write_run(folder, config, front, tables, resumes, problem.failures)
+    if problem.failures and notify:
+        reasons = "; ".join(f"{why} ({n})" for why, n in problem.failures.items())
+        notify(f"{sum(problem.failures.values())} designs could not be evaluated: {reasons}")
+    return ParetoRun(out, front, tables, config.final.target_error, problem.failures)
 
 
 def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
@@ -191,6 +199,7 @@ def write_run(
     front: Front,
     tables: dict[str, pd.DataFrame],
     resumes: list[int],
+    failures: dict[str, int],
 ) -> None:
     """Write tables, pictures and the manifest."""
     document = {
@@ -199,6 +208,7 @@ def write_run(
         "seed": config.algorithm.seed,
         "result": front.to_dict(),
         "resumes": resumes,
+        "failures": failures,
         "units": front.units,
     }
     if config.adaptive:

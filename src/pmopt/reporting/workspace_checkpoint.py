@@ -67,6 +67,7 @@ class WorkspaceCheckpoint(CheckpointFolder):
                 break
         self.taken_up(found.chunks)
         self._run.open()
+        self._run.reopen()
         self._started = True
         return found
 
@@ -82,8 +83,9 @@ class WorkspaceCheckpoint(CheckpointFolder):
         if sums is None:
             return
         if not self._started:
-            self._run.open()
             self.start()
+            self._run.open()
+            self._run.reopen()
             self._started = True
         self.write(sums.chunks, *sums.to_plain())
         for number in self.numbers()[:-2]:

@@ -121,12 +121,12 @@ def run_workspace(
 
         drawn = pictures.of_workspace(task, result, threads)
         folder.open()
-        checkpoint.finish()
         folder.write("result.json", to_json(result.to_dict()) + "\n")
         folder.write("lci_histogram.csv", to_csv([histogram_table(result)]) + "\n")
         folder.write("regions.csv", to_csv([regions_table(result)]) + "\n")
         for name, data in drawn.items():
             folder.write(name, data)
+        checkpoint.finish()
         folder.close(
             "workspace",
             {

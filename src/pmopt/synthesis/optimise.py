@@ -264,6 +264,7 @@ class Optimisation:
             return self.problem.evaluate(variables, samples)
         if not np.array_equal(told.variables, variables):
             raise _other_installation(number)
+        self.problem.recall(told)
         return told
 
     def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
@@ -405,4 +406,5 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
         if len(reached):
             text += f" (best {sign * reached.max() + bound:.4g})"
         parts.append(text)
+    parts += [f"{n} could not be evaluated ({why})" for why, n in problem.failures.items()]
     raise InfeasibleError(f"no feasible design: {'; '.join(parts)}")

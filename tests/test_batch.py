@@ -321,6 +321,7 @@ def test_what_only_the_mechanism_refuses_is_told_before_anything_runs(write, tmp
 
 USAGE = {
     ("nothing*.toml",): "nothing*.toml: no file matches",
+    ("",): "CONFIG: '' is no name of a file",
     (".",): ".: is a folder; a quoted glob like './*.toml' is needed",
     ("missing.toml",): "missing.toml: can not read: No such file or directory",
     ("a.toml", "--shard", "6/5"): "--shard: '6/5' is not allowed: K/N with 1 <= K <= N, e.g. 2/5",
@@ -878,7 +879,7 @@ def test_a_run_whose_batch_has_gone_stops(tmp_path, monkeypatch):
     document = resolve(tomllib.loads(PARETO), "x").document()
     lock = tmp_path / "batch.lock"
     lock.write_text("mine")
-    job = Job("pareto", document, str(tmp_path / "run"), False, 1, str(lock), "mine")
+    job = Job("pareto", document, "a.toml", str(tmp_path / "run"), False, 1, str(lock), "mine")
     runner = RUNNERS["pareto"]
     running = runner.run
 

@@ -88,6 +88,8 @@ def find_configs(patterns: Sequence[str]) -> list[str]:
             if not matches:
                 lines.append(f"{pattern}: no file matches")
         for match in matches:
+            if not match:
+                lines.append("CONFIG: '' is no name of a file")
             if os.path.isdir(match):
                 lines.append(f"{match}: is a folder; a quoted glob like '{match}/*.toml' is needed")
             found.setdefault(os.path.abspath(match), match)

@@ -174,6 +174,7 @@ class Job:
 
     command: str
     document: dict[str, Any]
+    source: str
     folder: str
     force: bool
     threads: int | None
@@ -210,7 +211,7 @@ def run_job(job: Job) -> Outcome:
                 raise _Unwanted
 
     try:
-        runner = RUNNERS[job.command].resolve(job.document, job.command)
+        runner = RUNNERS[job.command].resolve(job.document, job.source)
         if shared:
             runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
             return Outcome()
@@ -376,9 +377,17 @@ class Batch:
                 path = self.run_folder(run)
                 (path / FAILURE).unlink(missing_ok=True)
                 jobs.append(
-                    Job(run.runner.command, _plain(run), str(path.absolute()), force, threads,
-                        str((self.folder / LOCK).absolute()), key)
-                )  # fmt: skip
+                    Job(
+                        run.runner.command,
+                        _plain(run),
+                        os.path.abspath(run.source),
+                        str(path.absolute()),
+                        force,
+                        threads,
+                        str((self.folder / LOCK).absolute()),
+                        key,
+                    )
+                )
 
             def on_tick() -> None:
                 if tick is not None:

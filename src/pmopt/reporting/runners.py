@@ -77,6 +77,13 @@ class Runner(ABC):
     def resolve(cls, data: dict[str, Any], where: str) -> Runner:
         """Validate a configuration, without its ``command``.
 
+        Parameters
+        ----------
+        data : dict
+            As TOML gives it, or :meth:`document`.
+        where : str
+            Its file, beside which other files that it names are.
+
         Raises
         ------
         InputError

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pmopt.analysis.singularities import SingularityResult
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.reporting.batch_summary import BatchResult
+    from pmopt.reporting.motion_run import MotionRun
     from pmopt.reporting.pareto_run import ParetoRun
 
 Params = Mapping[str, Any]
@@ -293,6 +294,28 @@ def singularities(
         threads=threads,
         grid=grid,
     )
+
+
+def motion(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> MotionRun:
+    """Compute the motion that a configuration describes, with efforts and power.
+
+    Parameters
+    ----------
+    config : mapping or path
+        As in the TOML file, or the file.
+    out : path, optional
+        The run's folder; nothing is written without it, nor of an infeasible motion.
+    **options
+        ``force``, ``threads`` of :func:`pmopt.reporting.motion_run.run_motion`.
+    """
+    from pmopt.analysis.motion_config import load_motion, resolve_motion
+    from pmopt.reporting.motion_run import run_motion
+
+    if isinstance(config, str | Path):
+        task = load_motion(Path(config))
+    else:
+        task = resolve_motion(dict(config), "config", Path())
+    return run_motion(task, None if out is None else Path(out), **options)
 
 
 def pareto(

@@ -33,7 +33,7 @@ from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms.base import Mechanism, Parameters, as_number
 from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.numerics.sequences import BLOCK
-from pmopt.units import unit_of
+from pmopt.units import effort_unit, unit_of
 
 Values = NDArray[np.float64]
 
@@ -186,7 +186,7 @@ class Demands:
         units = {}
         for c in self.mechanism.joints:
             units[f"{c.name}_rate"] = f"{self.mechanism.unit(c)}/s"
-            units[f"{c.name}_effort"] = "N" if c.kind == "length" else "N m"
+            units[f"{c.name}_effort"] = effort_unit(c.kind)
         return units
 
     def at(self, poses: Values) -> Values:

@@ -23,6 +23,7 @@ from pmopt.numerics import dynamics
 from pmopt.numerics.compiled import Compiled
 from pmopt.numerics.specialise import PLACE
 from pmopt.threads import default_threads, ordered_map
+from pmopt.units import METRES
 
 Values = NDArray[np.float64]
 
@@ -144,7 +145,7 @@ class Mover:
             raise InputError(f"{mechanism.name} declares no posture: it can not be moved")
         self.mechanism = mechanism
         self.threads = threads or default_threads()
-        self.unit = {"m": 1.0, "mm": 1e-3}[mechanism.length_unit]
+        self.unit = METRES[mechanism.length_unit]
         self.bodies = tuple(bodies)
         self.gravity = np.array(
             [GRAVITY * d for d in mechanism.down] if gravity is None else gravity, dtype=float

@@ -116,7 +116,9 @@ class Motion:
         Of each body: position, velocity and acceleration of its centre of mass, in the length unit.
     angular : (N, 2, 3) float64
         The platform's angular velocity and acceleration in the base frame, rad/s and rad/s^2.
-    infeasible : tuple of Span
+    infeasible, singular : tuple of Span
+        Where it is not possible, and where it meets a forward singularity; with efforts the latter
+        are among the former.
     """
 
     mechanism: str
@@ -134,6 +136,7 @@ class Motion:
     centres: dict[str, Values]
     angular: Values
     infeasible: tuple[Span, ...]
+    singular: tuple[Span, ...]
 
 
 def compute_motion(
@@ -146,6 +149,7 @@ def compute_motion(
     payload: MassProperties | None = None,
     gravity: Sequence[float] | None = None,
     limits: Mapping[str, Any] | None = None,
+    efforts: bool = True,
     threads: int | None = None,
     notify: Callable[[str], None] | None = None,
 ) -> Motion:
@@ -167,6 +171,9 @@ def compute_motion(
         m/s^2; default 9.81 along :attr:`Mechanism.down`.
     limits : mapping, optional
         Ranges of actuated and passive joints, beside or instead of the mechanism's own.
+    efforts : bool
+        False: only how it moves. Forward singularities, which efforts do not pass, then are told
+        apart, as :attr:`Motion.singular`, and do not make it infeasible.
     threads : int, optional
         Results do not depend on it.
     notify : callable, optional
@@ -181,6 +188,7 @@ def compute_motion(
     mode = mechanism.check_mode(working_mode)
     own = mechanism.bodies(parameters) if bodies is None else tuple(bodies)
     massive = own if payload is None else (*own, payload.body("payload", source="given"))
+    massive = massive if efforts else ()
     mover = Mover(mechanism, parameters, mode, massive, gravity, threads, notify)
     sweeper = Sweeper(
         mechanism,
@@ -205,12 +213,15 @@ def compute_motion(
     spans += _out_of_reach(mechanism, parameters, mode, design.limits, poses, out, margin)
     feasible = known & ~out
     state = mover.state(np.where(feasible[:, None], poses, np.nan), rates, accelerations)
-    spans += _singular(mechanism, state, feasible, index, trajectory.t)
-    told = feasible & state.valid & (index >= SINGULAR)
+    singular = _singular(state, feasible, index, trajectory.t)
+    told = feasible & state.valid
+    if efforts:
+        told &= index >= SINGULAR
+        spans += singular
     spans.sort(key=lambda span: (span.first, span.last))
     return _assemble(
         mechanism, parameters, mode, trajectory.t, (poses, rates, accelerations), state, told,
-        massive, mover, tuple(spans),
+        massive, mover, tuple(spans), tuple(singular),
     )  # fmt: skip
 
 
@@ -225,6 +236,7 @@ def _assemble(
     bodies: tuple[Body, ...],
     mover: Mover,
     spans: tuple[Span, ...],
+    singular: tuple[Span, ...],
 ) -> Motion:
     """Return the motion in the mechanism's unit, NaN where it is not told."""
     unit = mover.unit
@@ -269,6 +281,7 @@ def _assemble(
         },
         angular=masked(angular_motion(state.platform)),
         infeasible=spans,
+        singular=singular,
     )  # fmt: skip
 
 
@@ -285,7 +298,7 @@ def followed_coordinates(mechanism: Mechanism) -> tuple[Coordinate, ...]:
     return tuple(found)
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last number of every stretch of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -302,7 +315,7 @@ def _out_of_reach(
 ) -> list[Span]:
     """Return the stretches that no limb reaches or some limit excludes, each by its reason."""
     spans = []
-    for first, last in _runs(out):
+    for first, last in stretches(out):
         looks = np.unique(np.linspace(first, last, _LOOKS).astype(int)).tolist()
         looks.append(first + int(np.argmin(margin[first : last + 1])))
         misses = []
@@ -374,7 +387,6 @@ def _limit_missed(
 
 
 def _singular(
-    mechanism: Mechanism,
     state: State,
     feasible: NDArray[np.bool_],
     index: Vector,
@@ -385,7 +397,7 @@ def _singular(
     words = "a singularity: the actuated joints do not hold the platform, efforts have no bound"
     spans = [
         Span(a, b, a, "singularity", float(index[a]), "1", f"LCI = {index[a]:.3g}: {words}")
-        for a, b in _runs(near)
+        for a, b in stretches(near)
     ]
     told = np.flatnonzero(feasible & ~near)
     with np.errstate(invalid="ignore"):

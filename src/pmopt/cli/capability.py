@@ -72,8 +72,7 @@ def capability_command(
 
     \b
     Example:
-      pmopt capability 2pauu-ppap --payload 2 --speed 1 --acceleration 10 \\
-        --motors theta1_effort=300,theta2_effort=300,theta1_rate=6,theta2_rate=6
+      pmopt capability 2pauu-ppap --payload 2 --speed 1 --motors theta1_effort=300,theta1_rate=6
     """
     from pmopt.analysis.capability import Task, check_limits
     from pmopt.analysis.settings import WorkspaceSettings

@@ -27,6 +27,7 @@ COMMANDS = {
     "workspace": ("pmopt.cli.workspace", "Volume, dexterity and shape of a workspace."),
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
     "certify": ("pmopt.cli.certify", "Prove or refute dexterity at every pose of a box."),
+    "motion": ("pmopt.cli.motion", "Joint motion, efforts and power along a trajectory."),
     "capability": ("pmopt.cli.capability", "Where in the workspace given motors suffice."),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
     "batch": ("pmopt.cli.batch", "Many runs on many cores or machines."),

@@ -119,7 +119,8 @@ def checkpoints(example, kept):
 
 
 #: Files that are none of a run's, or of no number it has reached.
-NAMES = ["generation-0000009.bin", "chunk-0000007.bin", "generation-x.bin", "-.bin", "x-\u0663.bin"]  # fmt: skip
+NAMES = ["generation-0000009.bin", "chunk-0000007.bin", "generation-x.bin", "-.bin",
+         "x-\u0663.bin"]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """Volume, dexterity and shape of whole workspaces, with their error estimates."""
 
-import hashlib
 import importlib.util
 import json
 import math
@@ -704,20 +703,6 @@ def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     assert values == pytest.approx([1 / 2, 1 / 4])
     assert folders[0] != folders[1]
     assert all(folder.parent == empty_cache for folder in folders)
-
-
-@pytest.mark.parametrize("kept", [slice(1000), slice(0), slice(1, None)])
-def test_damaged_machine_code_is_made_again(tmp_path, empty_cache, monkeypatch, kept):
-    """Half a file would end the process inside LLVM: it is recognised and replaced."""
-    kernel = load_kernel(tmp_path / "kernel.py")
-    wanted = field_of(specialise.specialise(recipe(kernel)), np.zeros((3, 1)), [0.5])
-    (path,) = empty_cache.glob("*/field.o")
-    code = path.read_bytes()
-    path.write_bytes(code[kept])
-    monkeypatch.setattr(specialise, "_loaded", {})
-    found = field_of(specialise.specialise(recipe(kernel)), np.zeros((3, 1)), [0.5])
-    np.testing.assert_array_equal(found, wanted)
-    assert path.read_bytes()[:32] == hashlib.sha256(path.read_bytes()[32:]).digest()
 
 
 def test_kept_machine_code_needs_no_numba(tmp_path):

@@ -621,6 +621,42 @@ def test_what_is_shipped_is_a_batch(tmp_path):
     }
 
 
+@pytest.mark.slow
+def test_motions_are_runs_too(write, tmp_path, monkeypatch):
+    """Known by their trajectory; a recording whose content has changed is another run."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("2uu-upu-t1", "2uu-upu-eq16", "3-ups-sp-strokes"):
+        shutil.copy(CONFIGS / "motion" / f"{name}.toml", tmp_path)
+    shutil.copy(CONFIGS / "motion" / "3-ups-sp-strokes.csv", tmp_path)
+    line = ("batch", "*.toml", "--out", "out", "--workers", 2)
+    result = here(*line, "--format", "json", cwd=tmp_path)
+    assert result.returncode == 1, result.stderr
+    runs = strict_json(result.stdout)["runs"]
+    assert [(r["command"], r["status"]) for r in runs] == [
+        ("motion", "infeasible"), ("motion", "finished"), ("motion", "finished"),
+    ]  # fmt: skip
+    assert runs[0]["message"].startswith("2uu-upu-eq16.toml: infeasible at ")
+    rows = csv_rows((tmp_path / "out/runs/2uu-upu-t1/summary.csv").read_text())
+    peaks = {f"{r['joint']}_{r['quantity']}_peak": float(r["peak"]) for r in rows
+             if r["quantity"] in ("effort", "power")}  # fmt: skip
+    assert runs[1]["results"] == peaks
+    assert runs[1]["units"]["delta3_effort_peak"] == "N m"
+    assert runs[2]["units"]["l1_effort_peak"] == "N"
+    alone = package.motion(tmp_path / "2uu-upu-t1.toml", tmp_path / "alone")
+    assert alone.infeasible == ()
+    assert (tmp_path / "alone/motion.csv").read_bytes() == (
+        tmp_path / "out/runs/2uu-upu-t1/motion.csv"
+    ).read_bytes()
+    stamp = (tmp_path / "out/runs/3-ups-sp-strokes/manifest.json").read_bytes()
+    assert here(*line, cwd=tmp_path).returncode == 1
+    assert (tmp_path / "out/runs/3-ups-sp-strokes/manifest.json").read_bytes() == stamp
+    path = tmp_path / "3-ups-sp-strokes.csv"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+    assert "trajectory.sha256: " in error_line(here(*line, cwd=tmp_path))
+    path.unlink()
+    assert "3-ups-sp-strokes.csv" in error_line(here(*line, cwd=tmp_path))
+
+
 def test_another_command_joins_by_a_class(write, tmp_path, monkeypatch):
     class Echo(Runner):
         command, marks = "echo", ("say",)
@@ -639,7 +675,7 @@ def test_another_command_joins_by_a_class(write, tmp_path, monkeypatch):
         def document(self):
             return self.data
 
-        def sweeper(self, notify=None):
+        def ready(self, notify=None):
             return None
 
         def run(self, folder, *, force, threads, beat=None):

@@ -53,9 +53,10 @@ def batch_command(
 ) -> int:  # fmt: skip
     """Many runs, each in its own folder, and a summary of them all.
 
-    CONFIG is a file, or a glob in quotes. Its key command is pareto (the default) or workspace;
-    its table [sweep] makes a grid of it: "parameters.l1" = [0.5, 0.6] runs it with each value,
-    several keys with every combination.
+    CONFIG is a file, or a glob in quotes. Its key command is pareto, workspace or motion; without
+    it, a file with [trajectory] is a motion, any other a search. Its table [sweep] makes a grid
+    of it: "parameters.l1" = [0.5, 0.6] runs it with each value, several keys with every
+    combination.
 
     \b
     Example:

@@ -15,7 +15,7 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.warmup import warm_up
@@ -36,6 +36,9 @@ from pmopt.reporting.runners import RUNNERS
 from pmopt.reporting.table import Table, to_csv
 from pmopt.threads import default_threads
 from pmopt.workers import LocalWorkers, Pool
+
+if TYPE_CHECKING:
+    from pmopt.analysis.dynamics import Mover
 
 PLAN, SUMMARY, LOCK = "batch.json", "summary.csv", "batch.lock"
 #: Folder of the runs' folders.
@@ -295,7 +298,7 @@ class Batch:
         wrong: dict[str, int] = {}
         for run in self.own:
             try:
-                run.runner.sweeper()
+                run.runner.ready()
                 line = self._of_folder(run, force)
             except InputError as error:
                 line = f"{run.source}: {error}"
@@ -371,7 +374,7 @@ class Batch:
             if todo:
                 folder.reopen()
             if todo and pool.local:
-                warm_up(_distinct_sweepers(todo, notify), pool.local)
+                warm_up(_distinct_users(todo, notify), pool.local)
             jobs = []
             for run in todo:
                 path = self.run_folder(run)
@@ -432,7 +435,9 @@ class Batch:
         path = self.run_folder(run)
         if outcome.status != "finished":
             if outcome.status != "pending":
-                document = {"status": outcome.status, "message": outcome.message}
+                # As it was given: on another machine the file may lie elsewhere.
+                message = outcome.message.replace(os.path.abspath(run.source), run.source)
+                document = {"status": outcome.status, "message": message}
                 write_atomic(path / FAILURE, json.dumps(document) + "\n")
             return
         if outcome.files:
@@ -504,13 +509,13 @@ def _plain(run: PlannedRun) -> dict[str, Any]:
     return {k: v for k, v in run.runner.document().items() if k != "command"}
 
 
-def _distinct_sweepers(runs: Sequence[PlannedRun], notify: Notify) -> list[Sweeper]:
-    """Return a sweeper for each set of kernels that runs need."""
-    found: dict[frozenset[int], Sweeper] = {}
+def _distinct_users(runs: Sequence[PlannedRun], notify: Notify) -> list[Sweeper | Mover]:
+    """Return one of all that call the same kernels, for each set of them."""
+    found: dict[frozenset[int], Sweeper | Mover] = {}
     for run in runs:
-        sweeper = run.runner.sweeper(notify)
-        if sweeper is not None:
-            found.setdefault(frozenset(map(id, sweeper.kernels)), sweeper)
+        user = run.runner.ready(notify)
+        if user is not None:
+            found.setdefault(frozenset(map(id, user.kernels)), user)
     return list(found.values())
 
 

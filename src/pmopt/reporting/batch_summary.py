@@ -129,14 +129,23 @@ class BatchResult:
         counts = ", ".join(f"{count} {status}" for status, count in self.counts.items())
         notes = [f"{run.name}: {run.message}" for run in self.runs if run.message]
         notes.append(f"{counts or 'none'} of {len(self.runs)} runs")
-        commands = list(dict.fromkeys(run.command for run in self.runs)) or ["batch"]
+        groups: dict[tuple[str, ...], list[RunSummary]] = {}
+        for run in self.runs:
+            groups.setdefault(self._columns_of(run), []).append(run)
+        last = len(groups) - 1
         return [
-            self._of_command(command, tuple(notes) if command == commands[-1] else ())
-            for command in commands
-        ]
+            self._of_group(runs, tuple(notes) if number == last else ())
+            for number, runs in enumerate(groups.values())
+        ] or [Table(f"Batch in {self.folder}", ("name", "status"), (), {}, tuple(notes))]
 
-    def _of_command(self, command: str, notes: tuple[str, ...]) -> Table:
-        runs = [run for run in self.runs if run.command == command]
+    def _columns_of(self, run: RunSummary) -> tuple[str, ...]:
+        """Return the command and the names of results; without any, those of a run like it."""
+        alike = [r for r in self.runs if r.command == run.command and r.results.values]
+        nearer = [r for r in alike if r.mechanism == run.mechanism]
+        found = next(iter([run] * bool(run.results.values) + nearer + alike), run)
+        return run.command, *found.results.values
+
+    def _of_group(self, runs: list[RunSummary], notes: tuple[str, ...]) -> Table:
         swept = [key for key in _in_order(run.swept for run in runs) if key not in _FIXED]
         shown = [key for key in _in_order(run.results.values for run in runs)
                  if not key.endswith("_error")]  # fmt: skip
@@ -154,7 +163,7 @@ class BatchResult:
             for run in runs
         )
         columns = ("name", *fixed, "status", *swept, *shown, "wall_time")
-        title = f"{command} runs in {self.folder}"
+        title = f"{runs[0].command} runs in {self.folder}"
         return Table(title, columns, rows, {**self.units, **units}, notes)
 
 

@@ -7,21 +7,24 @@ from __future__ import annotations
 
 import csv
 import json
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.aspects import make_sweeper
+from pmopt.analysis.motion_config import MotionTask, resolve_motion
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.validation import validated
 from pmopt.checkpoint import CheckpointFolder, Grows, changes
-from pmopt.errors import InputError, unknown_name
+from pmopt.errors import InfeasibleError, InputError, unknown_name
+from pmopt.files import sha256
 from pmopt.mechanisms import find
 from pmopt.reporting import workspace_checkpoint
 from pmopt.reporting.run_folder import read_manifest
@@ -30,6 +33,9 @@ from pmopt.reporting.tasks import Plan, WorkspaceTask
 from pmopt.synthesis.checkpoint import GROWS, plain
 from pmopt.synthesis.config import SENSES, RunConfig, resolve_config
 from pmopt.units import ONE
+
+if TYPE_CHECKING:
+    from pmopt.analysis.dynamics import Mover
 
 #: Called again and again during a run; what it raises ends the run.
 Beat = Callable[[], None]
@@ -99,8 +105,8 @@ class Runner(ABC):
         """Return the resolved configuration as the manifest of its run has it."""
 
     @abstractmethod
-    def sweeper(self, notify: Notify | None = None) -> Sweeper | None:
-        """Return what samples, None where nothing does, checked against the mechanism.
+    def ready(self, notify: Notify | None = None) -> Sweeper | Mover | None:
+        """Check all that can be checked ahead, and return what calls compiled kernels.
 
         Raises
         ------
@@ -132,13 +138,23 @@ class Runner(ABC):
         """Return a configuration with all that is left to a default filled in."""
         return document
 
+    @classmethod
+    def recorded(cls, manifest: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the configuration of a finished run."""
+        return dict(manifest["config"])
+
+    def identity(self) -> dict[str, Any]:
+        """Return all that the result depends on, as :meth:`recorded` gives it of this run."""
+        return self.document()
+
     def changes(self, folder: Path) -> list[str]:
         """Return what keeps this run from going on in a folder, as ``key: old -> new``."""
         manifest = read_manifest(folder)
-        before = manifest["config"] if manifest else CheckpointFolder.configuration(folder)
+        found = CheckpointFolder.configuration(folder)
+        before = self.recorded(manifest) if manifest else found
         if before is None:
             return []
-        return changes(self.complete(before), self.complete(self.document()), self.grows)
+        return changes(self.complete(before), self.complete(self.identity()), self.grows)
 
     def done(self, folder: Path) -> float | None:
         """Return the share of a running run that is done, None where nothing tells."""
@@ -149,7 +165,7 @@ class Runner(ABC):
         manifest = read_manifest(folder)
         if manifest is None or manifest["command"] != self.command:
             return False
-        return self.complete(manifest["config"]) == self.complete(self.document())
+        return self.complete(self.recorded(manifest)) == self.complete(self.identity())
 
 
 @dataclass(frozen=True)
@@ -174,7 +190,7 @@ class ParetoRunner(Runner):
         """Return the resolved configuration."""
         return plain(self.config)
 
-    def sweeper(self, notify: Notify | None = None) -> Sweeper:
+    def ready(self, notify: Notify | None = None) -> Sweeper:
         """Return the problem's sweeper."""
         config = self.config
         return make_sweeper(
@@ -282,7 +298,7 @@ class WorkspaceRunner(Runner):
         """Return a configuration with the number of samples and replicates filled in."""
         return workspace_checkpoint.resolved(WorkspaceTask.from_dict(document, cls.command))
 
-    def sweeper(self, notify: Notify | None = None) -> Sweeper:
+    def ready(self, notify: Notify | None = None) -> Sweeper:
         """Return the task's sweeper."""
         return make_sweeper(self.task.mechanism, self.task.settings, self.task.seed, 1, notify)
 
@@ -321,7 +337,95 @@ class WorkspaceRunner(Runner):
         return Results(values, {"volume": found["volume"]["unit"]})
 
 
-RUNNERS: dict[str, type[Runner]] = {r.command: r for r in (ParetoRunner, WorkspaceRunner)}
+@dataclass(frozen=True)
+class MotionRunner(Runner):
+    """``pmopt motion``."""
+
+    command = "motion"
+    marks = ("trajectory",)
+    task: MotionTask
+
+    @classmethod
+    def resolve(cls, data: dict[str, Any], where: str) -> MotionRunner:
+        """Validate a configuration as ``pmopt motion`` does."""
+        return cls(resolve_motion(data, where, Path(where).parent))
+
+    @property
+    def mechanism(self) -> str:
+        """Name of the mechanism."""
+        return self.task.mechanism.name
+
+    def document(self) -> dict[str, Any]:
+        """Return the resolved configuration."""
+        return self.task.to_dict()
+
+    @classmethod
+    def recorded(cls, manifest: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the configuration with the recording's own name and the digest of its content."""
+        config = json.loads(json.dumps(manifest["config"]))
+        for kept, name in manifest["inputs"].items():
+            config["trajectory"] |= {"file": name, "sha256": manifest["outputs"][kept]}
+        return dict(config)
+
+    def identity(self) -> dict[str, Any]:
+        """Return the configuration with the digest of the recording that it names."""
+        document = json.loads(json.dumps(self.document()))
+        name = self.task.config.trajectory.file
+        if name is not None:
+            document["trajectory"]["sha256"] = sha256((self.task.folder / name).read_bytes())
+        return dict(document)
+
+    def ready(self, notify: Notify | None = None) -> Mover:
+        """Plan the trajectory, and return what moves the mechanism."""
+        from pmopt.analysis.dynamics import Mover
+        from pmopt.analysis.trajectories import plan_trajectory
+
+        task = self.task
+        plan_trajectory(task)
+        mode = task.mechanism.check_mode(task.config.working_mode)
+        return Mover(task.mechanism, task.parameters, mode, threads=1, notify=notify)
+
+    def run(
+        self, folder: Path, *, force: bool, threads: int | None, beat: Beat | None = None
+    ) -> None:
+        """Move, which takes moments."""
+        from pmopt.reporting.motion_run import run_motion
+
+        found = run_motion(self.task, folder, force=force, threads=threads)
+        if found.infeasible:
+            raise InfeasibleError(found.complaint())
+
+    def plan(self, threads: int | None, notify: Notify) -> Plan:
+        """Measure the motion itself."""
+        from pmopt.reporting.motion_run import run_motion
+
+        began = time.perf_counter()
+        found = run_motion(self.task, threads=threads, notify=notify)
+        count = float(len(found.motion.t))
+        return Plan(f"motion {self.mechanism}", count, time.perf_counter() - began)
+
+    @classmethod
+    def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
+        """Return the peaks of effort and power of each joint; without masses, of its rate."""
+        with (folder / "summary.csv").open(encoding="utf-8", newline="") as stream:
+            found = list(csv.DictReader(stream))
+        rows = [row for row in found if row["quantity"] in ("effort", "power")] or [
+            row for row in found if row["quantity"] == "rate"
+        ]
+        names = [f"{row['joint']}_{row['quantity']}_peak" for row in rows]
+        return Results(
+            {name: float(row["peak"]) for name, row in zip(names, rows, strict=True)},
+            {
+                name: row["unit"]
+                for name, row in zip(names, rows, strict=True)
+                if row["unit"] != ONE
+            },
+        )
+
+
+RUNNERS: dict[str, type[Runner]] = {
+    r.command: r for r in (ParetoRunner, WorkspaceRunner, MotionRunner)
+}
 
 
 def resolve(data: dict[str, Any], where: str) -> Runner:

@@ -1,6 +1,6 @@
 """Kill runs and feed commands anything, as often as is asked for, and print what came of it.
 
-    python tests/campaign.py --kills 300 --fuzz 5000
+    python tests/campaign.py --kills 300 --interrupts 100 --fuzz 5000
 
 What the tests do some dozens of times. Every failure is printed; the exit code is 1 if there was
 one. ``--wide`` takes all mechanisms and options, whose kernels take minutes to compile.
@@ -10,6 +10,7 @@ import argparse
 import collections
 import random
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -19,6 +20,7 @@ from pathlib import Path
 
 import fuzzing
 import test_fuzz
+import test_interrupt
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from killing import Killed, checkpoints, kill_and_resume, outputs, start
@@ -93,6 +95,26 @@ def kills(count, number):
     return met
 
 
+def interruptions(count, number):
+    """Interrupt commands at random moments; return the seconds each took to end."""
+    chance, took = random.Random(number), []
+    for k in range(count):
+        phase = chance.choice(list(test_interrupt.PHASES))
+        # Later than the interpreter needs to take the signals over.
+        wait = chance.uniform(0.1, 2 * test_interrupt.PHASES[phase][2])
+        with tempfile.TemporaryDirectory() as name:
+            signum = (signal.SIGINT, signal.SIGTERM)[k % 2]
+            found = test_interrupt.interrupted(phase, signum, Path(name), wait)
+            code, _, errors, seconds = found
+            if code is None:
+                continue  # it had ended
+            assert code == 130, (phase, wait, code, errors)
+            assert errors.startswith("error: interrupted"), (phase, errors)
+            assert errors.count("\n") == 1, (phase, errors)
+            took.append((seconds, phase))
+    return took
+
+
 def fuzz(check, strategy, count, number):
     """Check so many examples; return how they ended and what failed."""
     ends, failures = collections.Counter(), []
@@ -117,6 +139,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--fuzz", type=int, default=500, help="examples of each kind")
+    parser.add_argument("--interrupts", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--wide", action="store_true")
     options = parser.parse_args()
@@ -129,6 +152,11 @@ def main():
         print(
             f"every run ended in the bytes of the run in one go; {time.monotonic() - began:.0f} s"
         )
+    if options.interrupts:
+        took = interruptions(options.interrupts, options.seed)
+        seconds, phase = max(took)
+        print(f"{len(took)} interruptions: all ended with one line and exit 130, the slowest after "
+              f"{seconds:.2f} s ({phase})", flush=True)  # fmt: skip
     kept = {}
     kinds = {
         "ik, fk, jacobian": (test_fuzz.poses, fuzzing.pose_commands()),

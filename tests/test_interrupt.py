@@ -41,29 +41,43 @@ PHASES = {
 }  # fmt: skip
 
 
+def interrupted(phase, number, folder, wait=None):
+    """Run the command of a phase, interrupt it, return exit code, output, errors and seconds.
+
+    Parameters
+    ----------
+    phase : str
+    number : signal.Signals
+    folder : Path
+        Empty.
+    wait : float, optional
+        Seconds after its start, instead of the phase's.
+    """
+    words, compiled, usual = PHASES[phase]
+    (folder / "test.toml").write_text(TEXT)
+    changes = {} if compiled else {"PMOPT_CACHE_DIR": str(folder / "cache")}
+    process = subprocess.Popen(
+        [*COMMAND, *words, "--quiet"], cwd=folder, env=environment(**changes), text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        process.wait(usual if wait is None else wait)
+    except subprocess.TimeoutExpired:
+        began = time.monotonic()
+        process.send_signal(number)
+        output, errors = process.communicate(timeout=60)
+        return process.returncode, output, errors, time.monotonic() - began
+    return None, *process.communicate(), 0.0
+
+
 @pytest.fixture(scope="module")
 def answers(tmp_path_factory):
-    """Return what came of an interruption in each phase: process, output, errors, seconds."""
+    """Return what came of an interruption in each phase, and its folder."""
 
     def hit(number):
-        (words, compiled, wait), folder = (
-            list(PHASES.values())[number],
-            tmp_path_factory.mktemp("p"),
-        )
-        (folder / "test.toml").write_text(TEXT)
-        changes = {} if compiled else {"PMOPT_CACHE_DIR": str(folder / "cache")}
-        process = subprocess.Popen(
-            [*COMMAND, *words, "--quiet"], cwd=folder, env=environment(**changes), text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-        try:
-            process.wait(wait)
-        except subprocess.TimeoutExpired:
-            began = time.monotonic()
-            process.send_signal((signal.SIGINT, signal.SIGTERM)[number % 2])
-            output, errors = process.communicate(timeout=60)
-            return process.returncode, output, errors, time.monotonic() - began, folder
-        return None, *process.communicate(), 0.0, folder
+        folder = tmp_path_factory.mktemp("phase")
+        phase = list(PHASES)[number]
+        return *interrupted(phase, (signal.SIGINT, signal.SIGTERM)[number % 2], folder), folder
 
     for mechanism in ("2uu-upu", "3-cur"):  # or they would be compiling
         subprocess.run([*COMMAND, "warmup", mechanism, "--quiet"], check=True, env=environment(),

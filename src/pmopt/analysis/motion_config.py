@@ -267,26 +267,32 @@ class ControllerSettings(BaseModel):
     """The ``[controller]`` table: PID on the joints, with the model's efforts or without.
 
     Gains are one number for all joints or one a joint: effort by error of position (kp), by its
-    integral (ki) and by the error of rate (kd). ``hold`` is the time in s between two samples of
-    the controller.
+    integral (ki) and by the error of rate (kd), 0 where another is given and
+    :func:`pmopt.analysis.simulation.controller_gains` where none is. ``hold`` is the time in s
+    between two samples of the controller, the engine's step by default.
     """
 
     model_config = _FROZEN
 
-    kp: FiniteFloat | dict[str, FiniteFloat] = 0.0
-    ki: FiniteFloat | dict[str, FiniteFloat] = 0.0
-    kd: FiniteFloat | dict[str, FiniteFloat] = 0.0
+    kp: FiniteFloat | dict[str, FiniteFloat] | None = None
+    ki: FiniteFloat | dict[str, FiniteFloat] | None = None
+    kd: FiniteFloat | dict[str, FiniteFloat] | None = None
     feedforward: bool = False
     hold: Positive | None = None
 
 
 class EngineSettings(BaseModel):
-    """The ``[engine]`` table: the multibody engine and its step in s."""
+    """The ``[engine]`` table: the multibody engine and its step in s.
+
+    ``tolerance``, in per cent of a joint's peak effort, is how far the engine's inverse dynamics
+    may be from the motion's before the verification fails.
+    """
 
     model_config = _FROZEN
 
     name: Literal["mujoco"] = "mujoco"
     step: Positive = 0.001
+    tolerance: Positive = 0.01
 
 
 class MotionConfig(BaseModel):

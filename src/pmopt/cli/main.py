@@ -28,6 +28,8 @@ COMMANDS = {
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
     "certify": ("pmopt.cli.certify", "Prove or refute dexterity at every pose of a box."),
     "motion": ("pmopt.cli.motion", "Joint motion, efforts and power along a trajectory."),
+    "simulate": ("pmopt.cli.simulate", "The same motion on an independent engine."),
+    "export": ("pmopt.cli.export", "A mechanism as a model of that engine (MuJoCo)."),
     "capability": ("pmopt.cli.capability", "Where in the workspace given motors suffice."),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
     "batch": ("pmopt.cli.batch", "Many runs on many cores or machines."),

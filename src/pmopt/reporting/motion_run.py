@@ -185,26 +185,11 @@ def _write(run: MotionRun, folder: RunFolder) -> None:
         folder.write("centres.csv", to_csv([centres]) + "\n")
     for name, data in drawn.items():
         folder.write(name, data)
-    config = run.task.to_dict()
-    source = run.task.config.trajectory.file
-    inputs = {}
-    if source is not None:
-        # With its recording the folder tells all that the motion came from.
-        inputs = {RECORDING: source}
-        folder.write(RECORDING, (run.task.folder / source).read_bytes())
-        config["trajectory"]["file"] = RECORDING
     folder.close(
         "motion",
         {
             "mechanism": run.task.mechanism.name,
-            "config": config,
-            "bodies": [
-                {"name": b.name, "mass": b.mass, "centre": b.centre.tolist(),
-                 "inertia": b.inertia.tolist(), "limb": b.limb, "joint": b.joint, "part": b.part,
-                 "source": b.source}
-                for b in run.task.bodies
-            ],
-            "inputs": inputs,
+            **write_origin(run.task, folder),
             "fit": [r.to_dict() for r in run.planned.residuals],
             "notes": list(run.planned.notes),
             "resumes": [],
@@ -212,6 +197,27 @@ def _write(run: MotionRun, folder: RunFolder) -> None:
                                   "inertia": "kg m^2"} | ({} if centres is None else centres.units),
         },
     )  # fmt: skip
+
+
+def write_origin(task: MotionTask, folder: RunFolder) -> dict[str, Any]:
+    """Write the recording a motion came from, if any, and return what the manifest says of it.
+
+    With it the folder tells all that is needed to do the motion again.
+    """
+    config = task.to_dict()
+    source = task.config.trajectory.file
+    inputs = {}
+    if source is not None:
+        inputs = {RECORDING: source}
+        folder.write(RECORDING, (task.folder / source).read_bytes())
+        config["trajectory"]["file"] = RECORDING
+    bodies = [
+        {"name": b.name, "mass": b.mass, "centre": b.centre.tolist(),
+         "inertia": b.inertia.tolist(), "limb": b.limb, "joint": b.joint, "part": b.part,
+         "source": b.source}
+        for b in task.bodies
+    ]  # fmt: skip
+    return {"config": config, "bodies": bodies, "inputs": inputs}
 
 
 def motion_table(run: MotionRun) -> Table:

@@ -9,9 +9,13 @@ import csv
 import io
 import json
 import os
+import pty
+import re
+import select
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -120,3 +124,39 @@ def is_float(cell):
 def files_in(folder):
     """Return every file below a folder."""
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+class Terminal:
+    """A process whose stderr is a terminal and whose stdout is a pipe."""
+
+    def __init__(self, *args, cwd):
+        self.master, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            [*COMMAND, *args], cwd=cwd, stdout=subprocess.PIPE, stderr=slave,
+            env=environment(TERM="xterm-256color", COLUMNS="120"),
+        )  # fmt: skip
+        os.close(slave)
+        self.text = ""
+
+    def read(self, enough=lambda text: False):
+        """Read until the process ends or ``enough`` is said of the text without its colours."""
+        deadline = time.monotonic() + TIMEOUT
+        while time.monotonic() < deadline:
+            if not select.select([self.master], [], [], 1)[0]:
+                continue
+            try:
+                data = os.read(self.master, 1 << 16)
+            except OSError:  # the other end has gone
+                return
+            if not data:
+                return
+            self.text += data.decode("utf-8", "replace")
+            if enough(re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.text)):
+                return
+        raise AssertionError(f"no end within {TIMEOUT} s: {self.text[-500:]}")
+
+    def close(self):
+        """Return the exit code and stdout."""
+        output = self.process.communicate(timeout=TIMEOUT)[0]
+        os.close(self.master)
+        return self.process.returncode, output.decode()

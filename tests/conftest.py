@@ -28,3 +28,14 @@ def empty_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(specialise, "_loaded", {})
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """Return a Dask cluster of two processes on this machine."""
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as found:
+        yield found

@@ -123,3 +123,12 @@ def test_scaling_runs(tmp_path):
     assert re.search(r"^ +100 +[\d.]+ \([\d.]+ \.\. [\d.]+\)$", text, re.M)
     for name in ("scaling-samples.png", "scaling-designs.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_cluster_runs():
+    text = run("cluster.py", "--threads", 4, "--designs", 20, "--runs", 3, "--rounds", 1)
+    assert re.search(r"^  20,000 samples: +[\d.]+ ", text, re.M)
+    assert re.search(r"^  added to a run: +[\d.]+ ", text, re.M)
+    assert re.search(r"^  one task, there and back: [\d.]+ ", text, re.M)
+    assert re.search(r"^ +300 +\d+   0\.\d+ ", text, re.M)
+    assert text.count("1,000,000 designs of") == 2

@@ -3,21 +3,19 @@
 import hashlib
 import math
 import os
-import pty
 import re
-import select
 import shlex
 import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from cli_runner import (
     COMMAND,
     CONFIGS,
     TIMEOUT,
+    Terminal,
     answer,
     csv_answer,
     csv_rows,
@@ -907,42 +905,6 @@ def test_bad_number_of_threads_beside_the_option(tmp_path):
     assert "NUMBA_NUM_THREADS" in error_line(result)
 
 
-class Terminal:
-    """A process whose stderr is a terminal and whose stdout is a pipe."""
-
-    def __init__(self, *args, cwd):
-        self.master, slave = pty.openpty()
-        self.process = subprocess.Popen(
-            [*COMMAND, *args], cwd=cwd, stdout=subprocess.PIPE, stderr=slave,
-            env=environment(TERM="xterm-256color", COLUMNS="120"),
-        )  # fmt: skip
-        os.close(slave)
-        self.text = ""
-
-    def read(self, enough=lambda text: False):
-        """Read until the process ends or ``enough`` is said of the text without its colours."""
-        deadline = time.monotonic() + TIMEOUT
-        while time.monotonic() < deadline:
-            if not select.select([self.master], [], [], 1)[0]:
-                continue
-            try:
-                data = os.read(self.master, 1 << 16)
-            except OSError:  # the other end has gone
-                return
-            if not data:
-                return
-            self.text += data.decode("utf-8", "replace")
-            if enough(re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.text)):
-                return
-        raise AssertionError(f"no end within {TIMEOUT} s: {self.text[-500:]}")
-
-    def close(self):
-        """Return the exit code and stdout."""
-        output = self.process.communicate(timeout=TIMEOUT)[0]
-        os.close(self.master)
-        return self.process.returncode, output.decode()
-
-
 def shows_rate_and_time_left(text):
     return re.search(r"\d %.* \d+(\.\d+)? [kMG]?points/s ETA \d+:\d\d:\d\d", text) is not None
 
@@ -959,7 +921,7 @@ def test_progress_on_a_terminal_and_interrupt(tmp_path):
     assert (code, output) == (130, "")
     assert terminal.text.count("error: interrupted") == 1
     assert "Traceback" not in terminal.text
-    assert files_in(tmp_path) == []
+    assert all(name.startswith("run/checkpoint/") for name in files_in(tmp_path))
 
 
 def test_stdout_is_clean_beside_a_terminal(tmp_path):

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from strategies import junk, places, put, texts
 
 from pmopt.analysis.settings import MAX_SAMPLES
+from pmopt.checkpoint import differences
 from pmopt.cli.options import parse_coordinates, parse_edges, parse_params, parse_ranges
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.synthesis.checkpoint import plain
-from pmopt.synthesis.config import differences, load_config, resolve_config
+from pmopt.synthesis.config import load_config, resolve_config
 
 MECH = "2pauu-ppap"
 WHERE = "my-design.toml"
@@ -138,7 +139,7 @@ def test_valid_configuration_resolves_and_comes_back(data):
                 kept = {name: [float(end) for end in ends] for name, ends in kept.items()}
             assert kept == (str(value) if key == "norm" else value), (table, key)
     assert document["objectives"] == data.get("objectives", ["volume", "gci"])
-    assert differences(document, plain(resolve_config(document, WHERE))) == []
+    assert list(differences(document, plain(resolve_config(document, WHERE)))) == []
 
 
 def test_defaults_are_completed():
@@ -415,13 +416,13 @@ def test_toml_gives_what_a_dictionary_gives(tmp_path):
 @given(configs, configs)
 def test_differences_are_what_differs(one, other):
     a, b = plain(resolve_config(one, WHERE)), plain(resolve_config(other, WHERE))
-    assert differences(a, a) == []
-    found = differences(a, b)
+    assert list(differences(a, a)) == []
+    found = list(differences(a, b))
     assert bool(found) == (a != b)
-    names = [line.split(": ")[0] for line in found]
-    assert len(set(names)) == len(names)
-    for name in names:
-        assert at_or_none(a, name) != at_or_none(b, name)
+    assert len({name for name, _, _ in found}) == len(found)
+    for name, old, new in found:
+        assert (at_or_none(a, name), at_or_none(b, name)) == (old, new)
+        assert old != new
 
 
 def at_or_none(tree, name):

@@ -34,6 +34,7 @@ from cli_runner import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from killing import kill_and_resume
 
 import pmopt as package
 from pmopt.analysis.workspace import compute_workspace
@@ -340,29 +341,18 @@ def wait_for_generation(process, folder, number):
 
 
 def test_killed_at_random_moments(long_run, tmp_path):
-    """Kills before and during the search, and after it: while measuring or between two files."""
-    chance = random.Random(3)
+    """Kills while it starts, searches, writes a checkpoint, measures, and writes its files."""
     folder = tmp_path / "run"
-    process = start(folder, "--resume")
-    time.sleep(chance.uniform(0.1, 0.5))
-    process.kill()
-    process.communicate(timeout=TIMEOUT)
-    killed = 0
-    while (done := len(list(folder.glob("checkpoint/generation-*")))) < LONG:
-        process = start(folder, "--resume")
-        wait_for_generation(process, folder, min(LONG, done + chance.randint(3, 20)))
-        time.sleep(chance.uniform(0, 0.05))
-        process.kill()
-        process.communicate(timeout=TIMEOUT)
-        killed += process.returncode == -signal.SIGKILL
-    assert killed >= 3
-    process = start(folder, "--resume")
-    assert process.communicate(timeout=TIMEOUT)[1] == ""
-    assert process.returncode == 0
+    (tmp_path / "test.toml").write_text(text_of(generations=LONG))
+    last = generation(folder, LONG).name
+    met = kill_and_resume(("pareto", "test.toml"), folder, random.Random(3), last)
+    assert met.kills >= 12
+    assert min(met.torn, met.after) >= 1
     assert read(folder) == read(long_run)
+    assert not list(folder.rglob("*.pmopt-tmp"))
     resumes = manifest_of(folder)["resumes"]
-    # The first process may have got as far as a generation, or not.
-    assert len(resumes) in (killed, killed + 1)
+    # A process that is killed before it has looked into the folder takes nothing up.
+    assert len(resumes) <= met.kills
     assert resumes == sorted(resumes)
     assert resumes[-1] == LONG
 
@@ -741,7 +731,7 @@ def test_more_generations_continue_an_adaptive_run(adaptive, eager, tmp_path):
 
 def test_checkpoint_of_the_old_form_is_refused(cut_off):
     path = cut_off / "checkpoint" / "run.json"
-    path.write_text(re.sub('"schema": 2', '"schema": 1', path.read_text()))
+    path.write_text(re.sub('"schema": 3', '"schema": 1', path.read_text()))
     with pytest.raises(InputError, match=r"schema 1.*--force"):
         run_pareto(config_of(), cut_off, resume=True)
 
@@ -1210,7 +1200,7 @@ def test_checkpoint_of_another_installation_is_refused(finished):
     search = Optimisation(problem)
     recorded = [g.record for g in search.generations()]
     second = recorded[1].evaluated
-    moved = Record(replace(second, variables=second.variables + 1e-9), None)
+    moved = Record(replace(second, variables=second.variables + 1e-9), None, recorded[1].generator)
     with pytest.raises(package.PmoptError, match="generation 2"):
         list(Optimisation(problem).generations([recorded[0], moved]))
 
@@ -1230,3 +1220,50 @@ def test_leftovers_of_a_kill_are_removed(tmp_path, cut_off):
         path.write_text("torn")
     run_pareto(config_of(), cut_off, resume=True)
     assert not any(path.exists() for path in left)
+
+
+# --- designs that fail --------------------------------------------------------------------
+
+
+@pytest.fixture
+def fragile(monkeypatch):
+    """Let every design with a small l1 fail while it is made ready."""
+    kind = type(package.mechanism(MECH))
+    constants = kind.kernel_constants
+
+    def failing(self, parameters, *rest):
+        if parameters["l1"] < 0.8:
+            raise ZeroDivisionError("division by zero")
+        return constants(self, parameters, *rest)
+
+    monkeypatch.setattr(kind, "kernel_constants", failing)
+
+
+def test_designs_that_fail_are_told_and_left_out(fragile, finished, tmp_path, cut_off):
+    (tmp_path / "test.toml").write_text(text_of())
+    result = here("pareto", "test.toml", "--out", "fragile", "--quiet", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    rows = table(tmp_path / "fragile", "evaluations")
+    failed = [row for row in rows if float(row["l1"]) < 0.8]
+    assert 3 < len(failed) < len(rows)
+    assert all(row["feasible"] == "0" and row["gci"] == "" for row in failed)
+    assert all(float(row["l1"]) >= 0.8 for row in table(tmp_path / "fragile", "front"))
+    told = manifest_of(tmp_path / "fragile")["failures"]
+    assert list(told) == ["ZeroDivisionError: division by zero"]
+    # Beside those of the search there may be some that the influence of parameters is tried on.
+    assert sum(told.values()) >= len(failed)
+    assert manifest_of(finished[0])["failures"] == {}
+    shutil.rmtree(cut_off)
+    shutil.copytree(tmp_path / "fragile", cut_off)
+    (cut_off / "manifest.json").unlink()
+    result = here("pareto", "test.toml", "--out", cut_off, "--resume", cwd=tmp_path)
+    assert manifest_of(cut_off)["failures"] == told
+    (line,) = [line for line in result.stderr.splitlines() if "could not be evaluated" in line]
+    assert "ZeroDivisionError: division by zero" in line
+    assert read(cut_off) == read(tmp_path / "fragile")
+
+
+def test_no_design_that_does_not_fail(fragile, tmp_path):
+    (tmp_path / "test.toml").write_text(text_of(l1="[0.5, 0.7]"))
+    line = error_line(here("pareto", "test.toml", "--out", "run", "--quiet", cwd=tmp_path), code=3)
+    assert "could not be evaluated (ZeroDivisionError: division by zero)" in line

@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from pmopt import threads as shared
 from pmopt.threads import ordered_map
 
 
@@ -51,3 +52,22 @@ def test_an_endless_source_is_read_a_little_ahead_and_left_at_once(threads):
     results.close()
     assert next(read) <= 1000 + 16 * threads + 2
     assert threading.active_count() == before
+
+
+def test_nobody_waits_at_the_end(monkeypatch):
+    """Ctrl-C ends a process beside a thread that is seconds inside a compiler."""
+    monkeypatch.setattr(shared, "ending", threading.Event())
+    held, free = threading.Event(), threading.Event()
+
+    def work(item):
+        if threading.current_thread() is threading.main_thread():
+            held.wait(20)
+            shared.ending.set()
+            raise KeyboardInterrupt
+        held.set()
+        return free.wait(20)
+
+    with pytest.raises(KeyboardInterrupt):
+        list(ordered_map(work, range(9), 2))
+    assert not free.is_set()
+    free.set()

@@ -1,6 +1,5 @@
 """Volume, dexterity and shape of whole workspaces, with their error estimates."""
 
-import hashlib
 import importlib.util
 import json
 import math
@@ -197,8 +196,8 @@ def test_memory_does_not_grow_with_samples(threads):
         return most
 
     peak(2**20)  # whatever is loaded on first use
-    # One chunk's tallies kept would be 130 kB, of 76 chunks 10 MB.
-    assert peak(20_000_000) < 1.3 * peak(2_000_000) + 500_000
+    # One chunk's tallies kept would be 130 kB, of 76 chunks 10 MB. Both are more than a block.
+    assert peak(30_000_000) < 1.3 * peak(10_000_000) + 500_000
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 1), (0, 10**6), (32768, 10**6 + 1)])
@@ -706,22 +705,11 @@ def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     assert all(folder.parent == empty_cache for folder in folders)
 
 
-@pytest.mark.parametrize("kept", [slice(1000), slice(0), slice(1, None)])
-def test_damaged_machine_code_is_made_again(tmp_path, empty_cache, monkeypatch, kept):
-    """Half a file would end the process inside LLVM: it is recognised and replaced."""
-    kernel = load_kernel(tmp_path / "kernel.py")
-    wanted = field_of(specialise.specialise(recipe(kernel)), np.zeros((3, 1)), [0.5])
-    (path,) = empty_cache.glob("*/field.o")
-    code = path.read_bytes()
-    path.write_bytes(code[kept])
-    monkeypatch.setattr(specialise, "_loaded", {})
-    found = field_of(specialise.specialise(recipe(kernel)), np.zeros((3, 1)), [0.5])
-    np.testing.assert_array_equal(found, wanted)
-    assert path.read_bytes()[:32] == hashlib.sha256(path.read_bytes()[32:]).digest()
-
-
 def test_kept_machine_code_needs_no_numba(tmp_path):
-    """A second process takes what the first one kept, without numba, to the same numbers."""
+    """A second process takes what the first one kept, to the same numbers.
+
+    Neither imports numba: the first one has had it compiled by a process of its own.
+    """
     code = (
         "import sys, pmopt\n"
         "print(pmopt.workspace('2pauu-ppap', samples=4096, shape_grid=0).volume)\n"
@@ -734,7 +722,8 @@ def test_kept_machine_code_needs_no_numba(tmp_path):
         for _ in range(2)
     )  # fmt: skip
     assert first[0] == second[0]
-    assert (first[1], second[1]) == ("True", "False")
+    assert list(tmp_path.glob("*/sweep.o"))
+    assert (first[1], second[1]) == ("False", "False")
 
 
 def test_entries_check_their_arrays(tmp_path, empty_cache):

@@ -16,6 +16,7 @@ from pmopt.version import __version__
 
 if TYPE_CHECKING:
     from pmopt.api import (
+        batch,
         fk,
         ik,
         jacobian,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 _PLACES = {
     **dict.fromkeys(
         (
+            "batch",
             "fk",
             "ik",
             "jacobian",
@@ -55,6 +57,7 @@ _PLACES = {
 __all__ = [
     "PmoptError",
     "__version__",
+    "batch",
     "fk",
     "ik",
     "jacobian",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pmopt.analysis.motion_config import MotionTask
     from pmopt.analysis.singularities import SingularityResult
     from pmopt.analysis.workspace import WorkspaceResult
+    from pmopt.reporting.batch_summary import BatchResult
     from pmopt.reporting.motion_run import MotionRun
     from pmopt.reporting.pareto_run import ParetoRun
     from pmopt.reporting.simulate_run import SimulationRun
@@ -124,6 +125,7 @@ def workspace(
     seed: int = 1,
     threads: int | None = None,
     shape_grid: int | None = None,
+    scheduler: str | None = None,
     **settings: Any,
 ) -> WorkspaceResult:
     """Sample the workspace of one design.
@@ -138,21 +140,22 @@ def workspace(
         The result is the same for any number.
     shape_grid : int, optional
         Cells per axis on which pieces and voids are counted; 0 leaves the shape out.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers sample; the result is the same.
     **settings
         Fields of :class:`pmopt.analysis.settings.WorkspaceSettings`: ``samples``, ``sampler``,
         ``grid``, ``target_error``, ``working_mode``, ``norm``, ``jacobian``, ``domain``, ..
     """
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.workspace import compute_workspace
+    from pmopt.cluster import connect
 
-    return compute_workspace(
-        find(mechanism),
-        params,
-        validated(WorkspaceSettings, settings, "workspace"),
-        seed=seed,
-        threads=threads,
-        shape_grid=shape_grid,
-    )
+    checked = validated(WorkspaceSettings, settings, "workspace")
+    with connect(scheduler) as cluster:
+        return compute_workspace(
+            find(mechanism), params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
+            cluster=cluster,
+        )  # fmt: skip
 
 
 def certify_volume(
@@ -371,7 +374,13 @@ def _motion_task(config: Params | str | Path) -> MotionTask:
     return resolve_motion(dict(config), "config", Path())
 
 
-def pareto(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> ParetoRun:
+def pareto(
+    config: Params | str | Path,
+    out: str | Path | None = None,
+    *,
+    scheduler: str | None = None,
+    **options: Any,
+) -> ParetoRun:
     """Search for the Pareto front of a configuration.
 
     Parameters
@@ -380,9 +389,12 @@ def pareto(config: Params | str | Path, out: str | Path | None = None, **options
         As in the TOML file, or the file.
     out : path, optional
         The run's folder; nothing is written without it.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers evaluate; the result is the same.
     **options
         ``force``, ``resume``, ``threads`` of :func:`pmopt.reporting.pareto_run.run_pareto`.
     """
+    from pmopt.cluster import connect
     from pmopt.reporting.pareto_run import run_pareto
     from pmopt.synthesis.config import load_config, resolve_config
 
@@ -390,4 +402,28 @@ def pareto(config: Params | str | Path, out: str | Path | None = None, **options
         resolved = load_config(Path(config))
     else:
         resolved = resolve_config(dict(config), "config")
-    return run_pareto(resolved, None if out is None else Path(out), **options)
+    with connect(scheduler) as cluster:
+        return run_pareto(resolved, None if out is None else Path(out), cluster=cluster, **options)
+
+
+def batch(
+    configs: str | Path | Sequence[str | Path], out: str | Path | None = None, **options: Any
+) -> BatchResult:
+    """Run many configurations, or what is not done of them, each in its own folder.
+
+    Parameters
+    ----------
+    configs : path or sequence of paths
+        Files and globs.
+    out : path, optional
+        The batch's folder; default: a new one in ``outputs``.
+    **options
+        ``workers``, ``threads``, ``scheduler``, ``shard``, ``force`` and ``notify`` of
+        :func:`pmopt.reporting.batch_run.run_batch`.
+    """
+    from pmopt.reporting.batch_run import run_batch
+    from pmopt.reporting.run_folder import default_folder
+
+    several = [configs] if isinstance(configs, str | Path) else configs
+    folder = default_folder("batch") if out is None else Path(out)
+    return run_batch([str(config) for config in several], folder, **options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class PmoptError(Exception):
@@ -17,11 +17,29 @@ class PmoptError(Exception):
     def __init__(self, message: str) -> None:
         super().__init__(" ".join(message.split()))
 
+    @property
+    def lines(self) -> list[str]:
+        """What is printed, a line for each thing that is wrong."""
+        return [str(self)]
+
 
 class InputError(PmoptError):
     """Bad usage or bad input: names the key, the value and what is allowed."""
 
     exit_code = 2
+
+
+class InputErrors(InputError):
+    """Several things wrong with the input, a line each."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("; ".join(lines))
+        self._lines = [str(InputError(line)) for line in lines]
+
+    @property
+    def lines(self) -> list[str]:
+        """What is printed, a line for each thing that is wrong."""
+        return self._lines
 
 
 class UnreachableError(InputError):

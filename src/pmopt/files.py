@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from pmopt.errors import PmoptError
@@ -20,8 +21,10 @@ def remove_leftovers(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def write_atomic(path: Path, data: bytes | str) -> None:
-    """Write a file under a temporary name in the same folder, flush it to disk and rename it.
+def stage(path: Path, data: bytes | str) -> Path:
+    """Write a file under a temporary name in the same folder, flush it to disk, return the name.
+
+    Renamed to ``path`` it is in its place.
 
     Raises
     ------
@@ -40,17 +43,50 @@ def write_atomic(path: Path, data: bytes | str) -> None:
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-        temporary = None
+        staged, temporary = Path(temporary), None
     except OSError as error:
-        raise PmoptError(f"{path}: can not write: {error.strerror or error}") from error
+        raise _unwritable(path, error) from error
     finally:
         if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+            remove_staged([Path(temporary)])
+    return staged
 
 
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def put(staged: Path, path: Path) -> None:
+    """Rename what was staged; it is removed where that fails.
+
+    Raises
+    ------
+    PmoptError
+    """
+    try:
+        os.replace(staged, path)
+    except OSError as error:
+        remove_staged([staged])
+        raise _unwritable(path, error) from error
+
+
+def remove_staged(paths: Iterable[Path]) -> None:
+    """Remove files that were staged and are not wanted."""
+    for path in paths:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def write_atomic(path: Path, data: bytes | str) -> None:
+    """Write a file whole or not at all; see :func:`stage`.
+
+    Raises
+    ------
+    PmoptError
+    """
+    put(stage(path, data), path)
+
+
+def _unwritable(path: Path, error: OSError) -> PmoptError:
+    return PmoptError(f"{path}: can not write: {error.strerror or error}")
+
+
+def sha256(data: bytes | str) -> str:
+    """Return the SHA-256 of a file's content, in hexadecimal."""
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()

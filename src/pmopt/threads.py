@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, islice
-from threading import Condition, Thread
+from threading import Condition, Event, Thread
 from typing import Generic, TypeVar
 
 from pmopt.errors import InputError
@@ -18,6 +18,8 @@ Result = TypeVar("Result")
 
 #: Results a thread may be ahead of the reader.
 _AHEAD = 16
+#: Set when the process is about to end: nobody waits for the items that threads are at.
+ending = Event()
 
 
 def default_threads() -> int:
@@ -58,8 +60,9 @@ def ordered_map(
         yield from crew.results()
     finally:
         crew.leave()
-        for helper in helpers:
-            helper.join()
+        if not ending.is_set():
+            for helper in helpers:
+                helper.join()
 
 
 class _Crew(Generic[Item, Result]):

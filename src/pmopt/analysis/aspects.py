@@ -18,6 +18,8 @@ from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.mechanisms.base import Mechanism, Vector
 from pmopt.numerics import sequences
+from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.specialise import ENTRIES
 
 #: Cells along each axis by number of pose coordinates: some hundred thousand cells in all.
 CELLS = {1: 4096, 2: 512, 3: 72, 4: 26, 5: 14, 6: 9}
@@ -144,16 +146,22 @@ class FieldSweeper(Sweeper):
 
     def _home(self, design: Design) -> tuple[AspectMap, int]:
         key = (*design.constants, *design.lower.tolist(), *design.width.tolist())
-        if key not in self._maps:
+        home = self._maps.get(key)
+        if home is None:
             found = map_aspects(self, design)
-            home = np.array([list(self.mechanism.home(design.parameters).values())]).T
-            margin, _ = super().field(design, home)
+            pose = np.array([list(self.mechanism.home(design.parameters).values())]).T
+            margin, _ = super().field(design, pose)
             label = 0
             if margin[0] >= 0:
-                label = int(found.of(home, determinants(self, design, home))[0])
-            self._maps.clear()
-            self._maps[key] = found, label
-        return self._maps[key]
+                label = int(found.of(pose, determinants(self, design, pose))[0])
+            home = found, label
+            self._maps = {key: home}  # other threads may be at other designs
+        return home
+
+    @property
+    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """Of :attr:`kernels`, what sampling calls."""
+        return {self._kernels: ENTRIES[1:]}
 
     def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Return margin and LCI of the block; outside the home aspect the margin is negative."""

@@ -23,6 +23,7 @@ from pmopt.analysis.measures import KINDS, branch_at, measures_at
 from pmopt.analysis.projection import replicate
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
+from pmopt.analysis.warmup import warm_up
 from pmopt.errors import InfeasibleError
 from pmopt.mechanisms.base import Mechanism, Parameters, Vector
 from pmopt.units import ONE
@@ -181,6 +182,7 @@ def find_singularities(
     """
     settings = settings or WorkspaceSettings()
     sweeper = Sweeper(mechanism, settings, seed, threads, notify)
+    warm_up([sweeper], sweeper.threads)
     design = sweeper.design(mechanism.resolve(params or {}))
     if design.box_volume == 0:
         raise InfeasibleError("singularities: nothing is reachable")

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,19 @@ from pmopt.numerics.specialise import ENTRIES, PLACE, Recipe, specialise
 from pmopt.seeds import seed_sequence
 from pmopt.threads import default_threads, ordered_map
 
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
+
 #: Bins of the LCI histogram over [0, 1]; quantiles are interpolated within them.
 BINS = 1000
 #: Points of one chunk, all replicates together: some milliseconds of work.
 CHUNK = 1 << 18
+#: Chunks of one block: what is summed by itself and may be kept, or computed elsewhere.
+BLOCK_CHUNKS = 16
 
 Notify = Callable[[str], None]
+#: Called with the points of a replicate done so far.
+Done = Callable[[int], None]
 
 #: Where the tool point is in the base frame; limits can be set on it where there is a tool.
 TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
@@ -158,6 +165,8 @@ class Sweeper:
         self.settings = settings
         self.seed = seed
         self.purpose = "workspace samples"
+        #: Where the blocks of a workspace are summed, if not here.
+        self.cluster: Cluster | None = None
         self._sequences: dict[tuple[int, str, int], sequences.Sequence] = {}
         default = default_threads()  # numba reads the variable too: a bad one is refused here
         self.threads = threads or default
@@ -247,6 +256,16 @@ class Sweeper:
             return ready(self._best_length(ready, length))
         return design
 
+    def nothing(self, parameters: Parameters) -> Design:
+        """Return a design with an empty box, for one that can not be made ready."""
+        axes = len(self.mechanism.pose)
+        count = self.mechanism.constant_count
+        count += len(self._check_constants()) if self._checks else 0
+        return Design(
+            parameters, 1.0, {}, np.zeros(axes), np.zeros(axes), np.zeros((axes, 2), dtype=bool),
+            [0.0] * count,
+        )  # fmt: skip
+
     def _check_constants(self) -> list[float]:
         """Return what the margin's checks compare with; see pmopt.numerics.specialise."""
         settings = self.settings
@@ -287,6 +306,11 @@ class Sweeper:
         found: dict[Compiled, tuple[str, ...]] = {self._sweep: ("sweep",)}
         found[self._kernels] = (*found.get(self._kernels, ()), *ENTRIES[1:])
         return found
+
+    @property
+    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """Of :attr:`kernels`, what sampling calls."""
+        return {self._sweep: ("sweep",)}
 
     def for_purpose(self, purpose: str) -> Sweeper:
         """Return a sweeper with the same settings and independent sample points."""
@@ -383,6 +407,28 @@ class Sweeper:
         return ordered_map(
             lambda r: self.tally([design], points, r[0], r[1], BINS), ranges, self.threads
         )
+
+    def blocks(
+        self, design: Design, points: sequences.Sequence, first: int, last: int, done: Done
+    ) -> Iterator[Tallies]:
+        """Yield the tallies of the blocks of a range of points in order, on all threads.
+
+        A block's tallies are those of its chunks added in order, wherever they are computed.
+        ``done`` is told how many points are, after every chunk.
+        """
+        replicates = points.replicates
+        chunks = self.stream(design, points, chunk_ranges(first, last, replicates))
+        for start, stop in block_ranges(first, last, replicates):
+            block = None
+            for _, end in chunk_ranges(start, stop, replicates):
+                part = next(chunks)
+                if block is None:
+                    block = part
+                else:
+                    block.add(part)
+                done(end)
+            assert block is not None  # every range holds a point
+            yield block
 
     def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Return margin and LCI at given poses, shape (d, N), in the box or not.
@@ -483,7 +529,24 @@ class Sweeper:
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:
     """Split a range of point indices at fixed multiples, whatever the number of threads."""
-    length = max(sequences.BLOCK, CHUNK // replicates // sequences.BLOCK * sequences.BLOCK)
+    return _split(first, last, _chunk_length(replicates))
+
+
+def block_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:
+    """Split a range of point indices into blocks of whole chunks, at fixed multiples."""
+    return _split(first, last, block_length(replicates))
+
+
+def block_length(replicates: int) -> int:
+    """Return the points of each replicate in a whole block."""
+    return BLOCK_CHUNKS * _chunk_length(replicates)
+
+
+def _chunk_length(replicates: int) -> int:
+    return max(sequences.BLOCK, CHUNK // replicates // sequences.BLOCK * sequences.BLOCK)
+
+
+def _split(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
     start = first
     while start < last:
         stop = min(last, (start // length + 1) * length)

@@ -13,14 +13,18 @@ if TYPE_CHECKING:  # a workspace does without
     from pmopt.analysis.dynamics import Mover
 
 
-def warm_up(users: Iterable[Sweeper | Mover], workers: int) -> dict[str, int]:
+def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True) -> dict[str, int]:
     """Compile what is missing of all that workspaces, their shapes and motions call.
+
+    In processes of their own: this one stays free to be interrupted.
 
     Parameters
     ----------
     users : iterable of Sweeper and Mover
     workers : int
         Processes at most.
+    shapes : bool
+        False leaves out what only shapes, positions and pictures call.
 
     Returns
     -------
@@ -28,12 +32,14 @@ def warm_up(users: Iterable[Sweeper | Mover], workers: int) -> dict[str, int]:
         By mechanism, the number of kernels that had to be compiled.
     """
     shared = cells.kernels()
-    wanted = [(shared, entry.name) for entry in shared.entries]
+    wanted = [(shared, entry.name) for entry in shared.entries] if shapes else []
     missing: dict[str, int] = {}
     for user in users:
         new = [
             (compiled, entry)
-            for compiled, entries in user.kernels.items()
+            for compiled, entries in (
+                user.sampling_kernels if isinstance(user, Sweeper) and not shapes else user.kernels
+            ).items()
             for entry in entries
             if (compiled, entry) not in wanted
         ]

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 from pmopt.analysis.aspects import make_sweeper, require_home
+from pmopt.analysis.blocks import blocks_on
 from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
 from pmopt.analysis.projection import PROJECTION_SAMPLES, Projection, measure_projection
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
 from pmopt.analysis.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
+from pmopt.analysis.sums import Sums
 from pmopt.analysis.sweeper import (
     TOOL,
     Design,
     Notify,
     Sweeper,
     Tallies,
+    block_length,
+    block_ranges,
     check_grid,
     chunk_ranges,
 )
@@ -27,8 +31,13 @@ from pmopt.mechanisms.base import JacobianKind, Mechanism
 from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
 from pmopt.units import ONE, measure_unit, unit_of
 
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
+
 #: Called with points done and points planned.
 Progress = Callable[[int, int], None]
+#: Called with what has been summed after every whole block: to go on from it another time.
+Keep = Callable[[Sums], None]
 
 #: Spacings of the coarser grids that estimate a grid's error, relative to its own.
 _COARSER_GRIDS = (0.4, 0.5, 0.6, 0.7)
@@ -200,6 +209,9 @@ def compute_workspace(
     shape_grid: int | None = None,
     progress: Progress | None = None,
     notify: Notify | None = None,
+    begun: Sums | None = None,
+    keep: Keep | None = None,
+    cluster: Cluster | None = None,
 ) -> WorkspaceResult:
     """Sample the workspace of one design.
 
@@ -217,6 +229,12 @@ def compute_workspace(
         coordinates, see :data:`pmopt.analysis.shape.DEFAULT_GRIDS`); 0 leaves the shape out, and
         the positions reached with it.
     progress, notify : callable, optional
+    begun : Sums, optional
+        What ``keep`` was given in a run that was cut off, with the same arguments but for more
+        samples or a smaller target error: the result is that of a run in one go.
+    keep : callable, optional
+    cluster : Cluster, optional
+        Sums the blocks on its workers: the result is the same.
 
     Raises
     ------
@@ -230,19 +248,19 @@ def compute_workspace(
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     check_cells(cells, dimension, "shape_grid")
     sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
-    if cells > 0:
-        warm_up([sweeper], sweeper.threads)
+    warm_up([sweeper], sweeper.threads, shapes=cells > 0)
     design = sweeper.design(mechanism.resolve(params or {}))
     require_home(sweeper, design)
+    course = begun or Sums(), keep, progress
+    sweeper.cluster = cluster
     if settings.grid is not None:
-        tallies, estimates = measure_on_grids(sweeper, design, settings.grid, progress)
+        tallies, estimates = measure_on_grids(sweeper, design, settings.grid, *course)
     elif settings.target_error is not None:
-        tallies, estimates = measure_to_target(sweeper, design, settings.target_error, progress)
+        tallies, estimates = measure_to_target(sweeper, design, settings.target_error, *course)
     else:
-        default = FIELD_SAMPLES if settings.aspect or settings.block else DEFAULT_SAMPLES
-        replicates, count = split_samples(settings.samples or default, settings.replicates)
+        replicates, count = split_samples(planned_samples(settings), settings.replicates)
         points = sweeper.sequence(replicates)
-        tallies = _accumulate(sweeper, design, points, 0, count, progress)
+        tallies = _whole(_accumulate(sweeper, design, points, count, *course))
         estimates = from_replicates(tallies)
     shape = projection = None
     if cells > 0:
@@ -253,31 +271,52 @@ def compute_workspace(
     return _result(sweeper, design, tallies, estimates, shape, projection)
 
 
+def planned_samples(settings: WorkspaceSettings) -> int:
+    """Return the samples of a run that is told neither a grid nor a target error."""
+    default = FIELD_SAMPLES if settings.aspect or settings.block else DEFAULT_SAMPLES
+    return settings.samples or default
+
+
 def _accumulate(
     sweeper: Sweeper,
     design: Design,
     points: Sequence,
-    first: int,
     last: int,
+    sums: Sums,
+    keep: Keep | None,
     progress: Progress | None,
-    tallies: Tallies | None = None,
-) -> Tallies:
-    """Add the points ``first .. last - 1`` of every replicate, chunk by chunk in order."""
-    for part in sweeper.stream(design, points, chunk_ranges(first, last, points.replicates)):
-        if tallies is None:
-            tallies = part
-        else:
-            tallies.add(part)
+) -> Sums:
+    """Go on to the points ``.. last - 1`` of every replicate, block by block in order."""
+    replicates = points.replicates
+    first = sums.points
+
+    def done(count: int) -> None:
         if progress:
-            progress(tallies.points * points.replicates, last * points.replicates)
-    assert tallies is not None  # every range holds a point
-    return tallies
+            progress(count * replicates, last * replicates)
+
+    if sweeper.cluster is None:
+        blocks = sweeper.blocks(design, points, first, last, done)
+    else:
+        blocks = blocks_on(sweeper.cluster, sweeper, design, points, first, last, done)
+    for (start, stop), block in zip(block_ranges(first, last, replicates), blocks, strict=True):
+        sums = sums.with_block(block, len(list(chunk_ranges(start, stop, replicates))))
+        # Where a run ends within a block, one with more samples does not.
+        if keep and stop % block_length(replicates) == 0:
+            keep(sums)
+    return sums
+
+
+def _whole(sums: Sums) -> Tallies:
+    assert sums.part is not None  # every range holds a point
+    return sums.part
 
 
 def measure_to_target(
     sweeper: Sweeper,
     design: Design,
     target: float,
+    sums: Sums | None = None,
+    keep: Keep | None = None,
     progress: Progress | None = None,
     most: int | None = None,
 ) -> tuple[Tallies, Estimates]:
@@ -291,18 +330,20 @@ def measure_to_target(
     PmoptError
         Without ``most``, when the largest number of samples does not do.
     """
+    sums = sums or Sums()
     first = _FIRST_ON_LINES if sweeper.settings.sampler == "lines" else _FIRST_ROUND
     replicates = sweeper.settings.replicates or split_samples(first, None)[0]
     last = max(1, first // replicates // BLOCK) * BLOCK  # a later round begins a block
+    while last < sums.points:
+        last *= 2
     points = sweeper.sequence(replicates)
-    tallies = _accumulate(sweeper, design, points, 0, last, progress)
-    met = 0
     while True:
+        sums = _accumulate(sweeper, design, points, last, sums, keep, progress)
+        tallies = _whole(sums)
         estimates = from_replicates(tallies)
         errors = [e.error / e.value if e.value else 0.0 for e in (estimates.volume, estimates.gci)]
         worst = max((e for e in errors if not math.isnan(e)), default=0.0)
-        met = met + 1 if worst <= target else 0
-        if met == 2 or estimates.reachable == 0:
+        if max(worst, sums.worst) <= target or estimates.reachable == 0:
             return tallies, estimates
         if most is not None and 2 * last * replicates > most:
             return tallies, estimates
@@ -311,30 +352,37 @@ def measure_to_target(
                 f"target error {target} not reached with {last * replicates} samples: "
                 f"the relative standard error is {worst:.2g}"
             )
-        tallies = _accumulate(sweeper, design, points, last, 2 * last, progress, tallies)
+        sums = replace(sums, worst=worst)
         last *= 2
 
 
 def measure_on_grids(
-    sweeper: Sweeper, design: Design, cells: int, progress: Progress | None = None
+    sweeper: Sweeper,
+    design: Design,
+    cells: int,
+    sums: Sums | None = None,
+    keep: Keep | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Tallies, Estimates]:
     """Evaluate the grid and coarser ones that tell its error."""
     dimension = len(design.width)
     check_grid(cells, dimension)
+    sums = sums or Sums()
     sizes = [max(2, round(cells * ratio)) for ratio in _COARSER_GRIDS] + [cells]
     planned = sum(n**dimension for n in sizes)
-    results: list[Tallies] = []
-    for n in sizes:
-        done = sum(t.points for t in results)
+    for n in sizes[len(sums.whole) :]:
+        done = sum(t.points for t in sums.whole)
 
         def report(count: int, _: int, done: int = done) -> None:
             if progress:
                 progress(done + count, planned)
 
         grid = make_grid(dimension, n)
-        results.append(_accumulate(sweeper, design, grid, 0, n**dimension, report))
-    coarse = [(cells / n, t) for n, t in zip(sizes[:-1], results[:-1], strict=True)]
-    return results[-1], from_grids(results[-1], coarse)
+        sums = _accumulate(sweeper, design, grid, n**dimension, sums, keep, report)
+        sums = replace(sums, whole=(*sums.whole, _whole(sums)), part=None)
+    *coarser, fine = sums.whole
+    coarse = [(cells / n, t) for n, t in zip(sizes[:-1], coarser, strict=True)]
+    return fine, from_grids(fine, coarse)
 
 
 def _result(

@@ -19,7 +19,7 @@ from pmopt.reporting.table import Table
 @click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="Default: the home pose.")
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.png",
+@click.option("--out", type=options.Place(), required=True, metavar="FILE.png",
               help="The picture.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Overwrite the file.")
 @options.common_options

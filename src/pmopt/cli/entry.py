@@ -18,4 +18,6 @@ def main() -> None:
         interrupt.disarm()
         print("error: interrupted", file=sys.stderr)
         code = 130
+    if code == 130:
+        interrupt.leave(code)
     sys.exit(code)

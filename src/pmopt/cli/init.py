@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pmopt.cli.options import common_options
+from pmopt.cli.options import Place, common_options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError
 from pmopt.files import write_atomic
@@ -17,7 +17,7 @@ from pmopt.reporting.table import Table
 
 @click.command("init")
 @click.argument("mechanism", metavar="[MECH]", default="2pauu-ppap")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE.toml",
+@click.option("--out", type=Place(), metavar="FILE.toml",
               help="Default: <mechanism>.toml in this folder.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Overwrite the file.")
 @common_options

@@ -4,15 +4,20 @@ Raised at any moment, an exception can be lost: Python ignores it in a weak refe
 and importing runs one for every module while it holds the import lock, which then is held for
 good and stops every thread that imports. So it waits while that lock is held, and is raised again
 a second later if the command is still running.
+
+Threads may be seconds inside compiled code or a compiler. Nobody waits for them: what a run has
+reached is on disk, and the process ends beside them.
 """
 
 from __future__ import annotations
 
 import _imp
+import contextlib
+import os
 import signal
 import sys
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 _SOON, _AGAIN = 0.02, 1.0
 
@@ -25,6 +30,8 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     busy = _imp.lock_held()
     signal.setitimer(signal.ITIMER_REAL, _SOON if busy else _AGAIN)
     if not busy:
+        if "pmopt.threads" in sys.modules:  # else there are none
+            sys.modules["pmopt.threads"].ending.set()
         raise Interrupted
 
 
@@ -41,6 +48,14 @@ def install() -> None:
     signal.signal(signal.SIGTERM, _interrupt)
     signal.signal(signal.SIGALRM, _interrupt)
     sys.unraisablehook = _lost
+
+
+def leave(code: int) -> NoReturn:
+    """End the process without tearing down what threads may still use."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    os._exit(code)
 
 
 def disarm() -> None:

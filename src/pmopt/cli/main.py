@@ -32,6 +32,7 @@ COMMANDS = {
     "export": ("pmopt.cli.export", "A mechanism as a model of that engine (MuJoCo)."),
     "capability": ("pmopt.cli.capability", "Where in the workspace given motors suffice."),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
+    "batch": ("pmopt.cli.batch", "Many runs on many cores or machines."),
     "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
     "draw": ("pmopt.cli.draw", "Draw a mechanism at a pose."),
     "init": ("pmopt.cli.init", "Write a commented starting configuration."),
@@ -92,15 +93,21 @@ def _fail(message: str, code: int) -> int:
 
 def run(args: list[str] | None = None) -> int:
     """Run the command line and return the exit code; only ``--debug`` lets a traceback out."""
-    debug = "--debug" in (sys.argv[1:] if args is None else args)
+    words = sys.argv[1:] if args is None else args
+    debug = "--debug" in words
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell: no file of a run may take its place
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     try:
-        result: Any = cli.main(args, prog_name="pmopt", standalone_mode=False)
+        result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except PmoptError as error:
         if debug:
             raise
-        return _fail(str(error), error.exit_code)
+        for line in error.lines[:-1]:
+            _fail(line, error.exit_code)
+        return _fail(error.lines[-1], error.exit_code)
     except click.ClickException as error:
         return _fail(error.format_message(), EXIT_USAGE)
     except (Interrupted, KeyboardInterrupt, click.Abort):
@@ -111,6 +118,11 @@ def run(args: list[str] | None = None) -> int:
         # The reader of our output has gone; nothing is left to say, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_RUNTIME
+    except OSError as error:
+        if debug:
+            raise
+        place = error.filename or "output"
+        return _fail(f"{place}: {error.strerror or error}", EXIT_RUNTIME)
     except MemoryError:
         return _fail("out of memory: fewer samples, a smaller grid or population", EXIT_RUNTIME)
     except SystemExit as error:  # click's own answer to a closed stdout

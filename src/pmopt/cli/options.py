@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,6 +24,30 @@ def set_resume_hint(text: str) -> None:
     """Set what an interrupted run says about taking it up again."""
     global resume_hint
     resume_hint = text
+
+
+def resuming() -> str:
+    """Return this command's line, with what takes up the run that it leaves."""
+    words = [word for word in click.get_current_context().obj if word != "--force"]
+    return shlex.join(["pmopt", *words, *([] if "--resume" in words else ["--resume"])])
+
+
+resume_option = click.option(
+    "--resume", is_flag=True, help="Take up the run in --out where it was cut off."
+)
+
+
+def check_resume(resume: bool, force: bool, out: Path | None) -> None:
+    """Refuse --resume where there is nothing it could mean.
+
+    Raises
+    ------
+    InputError
+    """
+    if resume and force:
+        raise InputError("--resume and --force exclude each other")
+    if resume and out is None:
+        raise InputError("--resume needs --out, the folder of the run")
 
 
 def _complete_mechanism(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -52,6 +77,18 @@ def common_options(function: Function) -> Function:
     ):  # fmt: skip
         function = option(function)
     return function
+
+
+class Place(click.Path):
+    """The name of a file or folder; an empty one is a variable of the shell without value."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "" or "\0" in str(value):
+            self.fail(f"{value!r} is not the name of a file or folder", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
@@ -97,6 +134,10 @@ threads_option = click.option(
     "--threads", type=click.IntRange(min=1, max=4096),
     help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
 )  # fmt: skip
+scheduler_option = click.option(
+    "--scheduler", metavar="ADDRESS",
+    help="Dask scheduler that computes, such as tcp://host:8786; the result does not depend on it.",
+)  # fmt: skip
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), default=1, show_default=True,
     help="Seed of everything random.",
@@ -117,8 +158,7 @@ def out_options(function: Function) -> Function:
     """Add --out and --force."""
     for option in (
         click.option("--force", is_flag=True, help="Overwrite a run in the folder."),
-        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the run's files."),
+        click.option("--out", type=Place(), metavar="DIR", help="Folder of the run's files."),
     ):  # fmt: skip
         function = option(function)
     return function

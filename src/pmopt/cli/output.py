@@ -36,7 +36,7 @@ def _print_tables(tables: Sequence[Table]) -> None:
         rich = RichTable(box=box.SIMPLE_HEAD if terminal else box.ASCII2)
         for index, head in enumerate(table.heads()):
             numeric = all(not isinstance(r[index], str) or _numeric(r[index]) for r in table.rows)
-            rich.add_column(Text(head), justify="right" if numeric else "left")
+            rich.add_column(Text(head), justify="right" if numeric else "left", overflow="fold")
         for row in table.display or table.rows:
             rich.add_row(*(Text(shown(cell)) for cell in row))
         console.print(Text(table.title, style="bold"))

@@ -13,7 +13,6 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier, progress_bar
-from pmopt.errors import InputError
 from pmopt.mechanisms import find
 
 if TYPE_CHECKING:
@@ -23,10 +22,11 @@ if TYPE_CHECKING:
 
 
 @click.command("pareto")
-@click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
+@click.argument("config", type=options.Place(), metavar="CONFIG.toml")
 @options.out_options
-@click.option("--resume", is_flag=True, help="Take up the run in --out where it was cut off.")
+@options.resume_option
 @options.threads_option
+@options.scheduler_option
 @click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), help="Instead of the configuration's seed."
 )
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @options.common_options
 def pareto_command(
     config: Path, out: Path | None, force: bool, resume: bool, threads: int | None,
-    seed: int | None, dry_run: bool, form: str, quiet: bool, debug: bool,
+    scheduler: str | None, seed: int | None, dry_run: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Pareto front of volume against dexterity by NSGA-II.
 
@@ -42,6 +42,7 @@ def pareto_command(
     Example:
       pmopt pareto configs/quickstart.toml --out outputs/quickstart
     """
+    from pmopt.cluster import connect
     from pmopt.reporting import pareto_run, run_folder, tables
     from pmopt.synthesis.config import load_config
 
@@ -54,10 +55,7 @@ def pareto_command(
         plan = pareto_run.plan(run_config, threads, notify)
         emit(form, plan.to_dict(), [plan.table()])
         return
-    if resume and force:
-        raise InputError("--resume and --force exclude each other")
-    if resume and out is None:
-        raise InputError("--resume needs --out, the folder of the run")
+    options.check_resume(resume, force, out)
     if out is None:
         out = run_folder.default_folder("pareto", run_config.mechanism)
     if resume and pareto_run.finished(run_config, out):
@@ -66,10 +64,13 @@ def pareto_command(
     again = ["pmopt", "pareto", str(config), "--out", str(out), "--resume"]
     again += [] if seed is None else ["--seed", str(seed)]
     options.set_resume_hint(f"; continue with: {shlex.join(again)}")
-    with _progress(quiet, run_config) as (on_generation, on_measured):
+    with (
+        connect(scheduler) as cluster,
+        _progress(quiet, run_config) as (on_generation, on_measured),
+    ):
         run = pareto_run.run_pareto(
             run_config, out, force=force, resume=resume, threads=threads, notify=notify,
-            on_generation=on_generation, on_measured=on_measured,
+            on_generation=on_generation, on_measured=on_measured, cluster=cluster,
         )  # fmt: skip
     emit(form, run.to_dict(), tables.pareto_tables(run))
 

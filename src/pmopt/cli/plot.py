@@ -12,8 +12,8 @@ from pmopt.files import write_atomic
 
 
 @click.command("plot")
-@click.argument("run", type=click.Path(path_type=Path), metavar="RUN")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+@click.argument("run", type=options.Place(), metavar="RUN")
+@click.option("--out", type=options.Place(), metavar="DIR",
               help="Folder for the pictures. Default: the run's own.")  # fmt: skip
 @options.threads_option
 @options.common_options

@@ -47,7 +47,7 @@ def _each(
 @click.command("ik")
 @options.mechanism_argument
 @click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="The pose.")
-@click.option("--poses", type=click.Path(path_type=Path), metavar="FILE.csv", help="Many poses.")
+@click.option("--poses", type=options.Place(), metavar="FILE.csv", help="Many poses.")
 @options.params_option
 @click.option("--working-mode", default="all", show_default=True, help="A working mode, or all.")
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
@@ -95,7 +95,7 @@ def ik_command(
 @click.command("fk")
 @options.mechanism_argument
 @click.option("--joints", multiple=True, metavar="NAME=VALUE,..", help="The joint positions.")
-@click.option("--joints-file", type=click.Path(path_type=Path), metavar="FILE.csv",
+@click.option("--joints-file", type=options.Place(), metavar="FILE.csv",
               help="Many joint positions.")  # fmt: skip
 @click.option(
     "--near",

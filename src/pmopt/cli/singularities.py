@@ -41,7 +41,7 @@ from pmopt.mechanisms import Mechanism
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
 @click.option(
     "--path",
-    type=click.Path(path_type=Path),
+    type=options.Place(),
     metavar="FILE.csv",
     help="Instead: where a path of poses, with a column t if there are times, crosses "
     "singularities.",

@@ -113,7 +113,9 @@ if TYPE_CHECKING:
     help="With --certify: stop with the bounds so far.",
 )
 @options.threads_option
+@options.scheduler_option
 @options.out_options
+@options.resume_option
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
 @options.common_options
 def workspace_command(
@@ -125,8 +127,9 @@ def workspace_command(
     aspect: str | None, block: str | None, link_diameter: float | None,
     platform_diameter: float | None,
     cone_angle: float | None, tool: str | None, shape_grid: int | None,
-    certify: float | None, time_budget: float | None, threads: int | None,
-    out: Path | None, force: bool, dry_run: bool, form: str, quiet: bool, debug: bool,
+    certify: float | None, time_budget: float | None, threads: int | None, scheduler: str | None,
+    out: Path | None, force: bool, resume: bool, dry_run: bool, form: str, quiet: bool,
+    debug: bool,
 ) -> None:  # fmt: skip
     """Volume, dexterity (LCI, GCI, regions) and shape of a workspace, each with its error.
 
@@ -137,6 +140,7 @@ def workspace_command(
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
     from pmopt.analysis.validation import validated
+    from pmopt.cluster import connect
     from pmopt.reporting import tables, workspace_run
     from pmopt.reporting.tasks import WorkspaceTask
 
@@ -168,7 +172,8 @@ def workspace_command(
         unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
                   "target-error": target_error, "regions": regions, "jacobian": kind,
                   "characteristic-length": characteristic_length, "shape-grid": shape_grid,
-                  "dry-run": dry_run or None}  # fmt: skip
+                  "dry-run": dry_run or None, "resume": resume or None,
+                  "scheduler": scheduler}  # fmt: skip
         for name, value in unused.items():
             if value is not None:
                 raise InputError(f"--{name}: not together with --certify, which samples nothing")
@@ -193,10 +198,20 @@ def workspace_command(
         plan = workspace_run.plan(task, threads, notify)
         emit(form, plan.to_dict(), [plan.table()])
         return
-    with progress_bar(quiet, f"workspace {mechanism.name}", "points") as progress:
+    options.check_resume(resume, force, out)
+    if out is not None:
+        if resume and workspace_run.finished(task, out):
+            notify(f"{out} holds this run, finished: nothing to do")
+            return
+        options.set_resume_hint(f"; continue with: {options.resuming()}")
+    with (
+        connect(scheduler) as cluster,
+        progress_bar(quiet, f"workspace {mechanism.name}", "points") as progress,
+    ):
         result = workspace_run.run_workspace(
-            task, out, force=force, threads=threads, notify=notify, progress=progress
-        )
+            task, out, force=force, resume=resume, threads=threads, notify=notify,
+            progress=progress, cluster=cluster,
+        )  # fmt: skip
     emit(form, result.to_dict(), tables.workspace_tables(result))
     if out is not None:
         notify(f"written to {out}")

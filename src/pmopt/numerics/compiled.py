@@ -3,9 +3,11 @@
 A text is compiled by numba entry by entry, when an entry is first called. What is kept is the
 object code; a later process loads it with llvmlite alone, in a few milliseconds where importing
 numba takes half a second. The folder of a text is named after the hash of the text, the versions
-of numba, llvmlite, NumPy and Python, and the processor: an edit anywhere changes the folder, so
-that machine code can not go stale. Files are written whole or not at all, so that processes that
-begin at once on an empty cache do not meet half a file.
+of numba, llvmlite, NumPy and Python, what the environment tells numba, this file, and the
+processor: an edit anywhere changes the folder, so that machine code can not go stale. Files are
+written whole or not at all, so that processes that begin at once on an empty cache do not meet half
+a file, and begin with a hash of their place and content: what is cut short, altered or another
+entry's is compiled anew, never run.
 """
 
 from __future__ import annotations
@@ -41,6 +43,8 @@ _IDLE = ("NRT_incref", "NRT_decref")
 _SYMBOL = "pmopt_entry"
 #: Bytes of the hash that precedes object code in a file: LLVM ends the process on half a file.
 _DIGEST = 32
+#: Settings of numba that leave machine code as it is.
+_HARMLESS = ("NUMBA_NUM_THREADS", "NUMBA_CACHE_DIR")
 _KINDS: dict[str, Any] = {
     "int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double,
     "uint8": ctypes.c_uint8, "int32": ctypes.c_int32,
@@ -88,6 +92,12 @@ def _machine() -> tuple[str, ...]:
         llvmlite.__version__,
         np.__version__,
         sys.version,
+        Path(__file__).read_text(encoding="utf-8"),
+        *(
+            f"{k}={v}"
+            for k, v in sorted(os.environ.items())
+            if k.startswith("NUMBA_") and k not in _HARMLESS
+        ),
         llvm.get_host_cpu_name(),
         llvm.get_host_cpu_features().flatten(),
     )
@@ -167,11 +177,15 @@ class Compiled:
         except OSError:
             kept = b""
         code = kept[_DIGEST:]
-        if hashlib.sha256(code).digest() != kept[:_DIGEST]:  # none is kept, or it was cut short
+        if self._digest(entry, code) != kept[:_DIGEST]:  # none is kept, or it is not what was
             code = self._compile(entry)
             # A cache that can not be written costs time only.
-            write_whole(path, hashlib.sha256(code).digest() + code)
+            write_whole(path, self._digest(entry, code) + code)
         return _load(code)
+
+    def _digest(self, entry: Entry, code: bytes) -> bytes:
+        """Return the hash of an entry's object code and of the place where it is kept."""
+        return hashlib.sha256(f"{self.folder.name}/{entry.name}\0".encode() + code).digest()
 
     def _compile(self, entry: Entry) -> bytes:
         """Return an entry's object code."""

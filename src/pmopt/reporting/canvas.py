@@ -11,6 +11,7 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,6 +49,10 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NAMES = {"gci": "GCI", "lci": "LCI"}
 
 
+#: Matplotlib's settings are the process's: one picture at a time.
+_SETTINGS = RLock()
+
+
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """Give a figure that is styled alike whatever the reader's own settings are."""
@@ -55,7 +60,7 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context():
+    with _SETTINGS, matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
         figure = Figure((width, height), dpi=_DPI, facecolor="white")

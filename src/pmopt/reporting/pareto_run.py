@@ -18,10 +18,11 @@ from pmopt.synthesis.config import RunConfig
 from pmopt.synthesis.front import Front, FrontDesign, measure_front
 from pmopt.synthesis.optimise import Generation, Optimisation, require_feasible
 from pmopt.synthesis.problem import DesignProblem, Evaluations
-from pmopt.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from pmopt.cluster import Cluster
 
 OnGeneration = Callable[[Generation], None]
 OnMeasured = Callable[[int, int], None]
@@ -42,17 +43,20 @@ class ParetoRun:
         ``front``, ``regions``, ``history`` and ``evaluations``.
     target_error : float
         Relative standard error the front was to be measured to.
+    failures : dict
+        Why how many designs could not be evaluated.
     """
 
     folder: Path | None
     front: Front
     tables: dict[str, pd.DataFrame]
     target_error: float
+    failures: dict[str, int]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         out = None if self.folder is None else str(self.folder)
-        return {"out": out, **self.front.to_dict()}
+        return {"out": out, **self.front.to_dict(), "failures": self.failures}
 
 
 def run_pareto(
@@ -65,6 +69,7 @@ def run_pareto(
     notify: Notify | None = None,
     on_generation: OnGeneration | None = None,
     on_measured: OnMeasured | None = None,
+    cluster: Cluster | None = None,
 ) -> ParetoRun:
     """Search for the front, measure it and write the run's folder.
 
@@ -78,6 +83,8 @@ def run_pareto(
         Overwrite a run in the folder.
     resume : bool
         Take up the run in the folder, if there is one.
+    cluster : Cluster, optional
+        Evaluates designs there.
 
     Raises
     ------
@@ -90,16 +97,16 @@ def run_pareto(
     folder = None
     if out is not None:
         folder = RunFolder(out, force or (resume and begun), interrupted=begun)
-    problem = DesignProblem(config, threads, notify)
+    problem = DesignProblem(config, threads, notify, cluster)
     checkpoint, recorded = None, []
     if folder is not None:
-        checkpoint = Checkpoint(folder.path, problem, __version__)
+        checkpoint = Checkpoint(folder.path, problem)
         if resume and begun:
-            recorded = checkpoint.resume()
-            folder.open()
+            recorded = checkpoint.resume(notify)
         else:
-            folder.open()
             checkpoint.start()
+        folder.open()
+        folder.reopen()
     optimisation = Optimisation(problem)
     generations = []
     try:
@@ -122,6 +129,7 @@ def run_pareto(
     except InfeasibleError:
         if folder is not None:
             folder.write("evaluations.csv", to_csv(tables["evaluations"]))
+            folder.put()
         raise
     front = measure_front(problem, optimisation.candidates, optimisation.reference, on_measured)
     if not front.designs:
@@ -132,8 +140,12 @@ def run_pareto(
     tables["front"] = front_table(front)
     tables["regions"] = regions_table(front, config)
     if folder is not None:
-        write_run(folder, config, front, tables, checkpoint.resumes if checkpoint else [])
-    return ParetoRun(out, front, tables, config.final.target_error)
+        resumes = checkpoint.resumes if checkpoint else []
+        write_run(folder, config, front, tables, resumes, problem.failures)
+    if problem.failures and notify:
+        reasons = "; ".join(f"{why} ({n})" for why, n in problem.failures.items())
+        notify(f"{sum(problem.failures.values())} designs could not be evaluated: {reasons}")
+    return ParetoRun(out, front, tables, config.final.target_error, problem.failures)
 
 
 def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
@@ -187,6 +199,7 @@ def write_run(
     front: Front,
     tables: dict[str, pd.DataFrame],
     resumes: list[int],
+    failures: dict[str, int],
 ) -> None:
     """Write tables, pictures and the manifest."""
     document = {
@@ -195,6 +208,7 @@ def write_run(
         "seed": config.algorithm.seed,
         "result": front.to_dict(),
         "resumes": resumes,
+        "failures": failures,
         "units": front.units,
     }
     if config.adaptive:

@@ -6,13 +6,16 @@ import json
 import platform
 import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from pmopt.checkpoint import FOLDER
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import remove_leftovers, sha256, write_atomic
+from pmopt.files import put, remove_leftovers, remove_staged, sha256, stage
 from pmopt.version import __version__
 
 MANIFEST = "manifest.json"
@@ -20,9 +23,9 @@ DEFAULT_ROOT = Path("outputs")
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pymoo", "moocore", "pandas", "matplotlib")
 
 
-def default_folder(command: str, mechanism: str) -> Path:
+def default_folder(*names: str) -> Path:
     """Return a folder that does not exist yet: ``outputs/<command>-<mechanism>-<time>``."""
-    base = f"{command}-{mechanism}-{datetime.now():%Y%m%d-%H%M%S}"
+    base = f"{'-'.join(names)}-{datetime.now():%Y%m%d-%H%M%S}"
     path, count = DEFAULT_ROOT / base, 1
     while path.exists():
         count += 1
@@ -57,8 +60,14 @@ class RunFolder:
     """
 
     def __init__(self, path: Path, force: bool = False, interrupted: bool = False) -> None:
-        if path.exists() and not path.is_dir():
-            raise InputError(f"--out: {path} is a file, not a folder")
+        try:
+            if path.exists() and not path.is_dir():
+                raise InputError(f"--out: {path} is a file, not a folder")
+        except OSError as error:  # a name that is too long
+            raise InputError(f"--out: {path}: {error.strerror or error}") from None
+        for link in (path, path / FOLDER):
+            if link.is_symlink() and (link != path or not link.exists()):
+                raise InputError(f"--out: {link} is a link, not a folder of this run")
         if read_manifest(path) is not None and not force:
             raise InputError(
                 f"--out: {path} holds a finished run; another folder or --force is needed"
@@ -69,25 +78,45 @@ class RunFolder:
                 "--force starts afresh"
             )
         self.path = path
-        self._outputs: list[str] = []
+        self._staged: dict[str, Path] = {}
+        self._digests: dict[str, str] = {}
         self._began = time.monotonic(), time.process_time()
 
     def open(self) -> None:
-        """Make the folder, and reopen a finished run: without its manifest it is unfinished."""
-        try:
+        """Make the folder."""
+        with self._told():
             self.path.mkdir(parents=True, exist_ok=True)
-            (self.path / MANIFEST).unlink(missing_ok=True)
             remove_leftovers(self.path)
-        except OSError as error:
-            raise PmoptError(f"{self.path}: can not write: {error.strerror or error}") from error
+
+    def reopen(self) -> None:
+        """Make a finished run, if there is one, an unfinished one: it has no manifest."""
+        with self._told():
+            (self.path / MANIFEST).unlink(missing_ok=True)
 
     def write(self, name: str, data: bytes | str) -> None:
-        """Write one output."""
-        write_atomic(self.path / name, data)
-        self._outputs.append(name)
+        """Write one output beside its place: a disk that is full with the next one loses nothing.
+
+        Raises
+        ------
+        PmoptError
+        """
+        try:
+            self._staged[name] = stage(self.path / name, data)
+        except BaseException:
+            remove_staged(self._staged.values())
+            self._staged.clear()
+            raise
+        self._digests[name] = sha256(data)
+
+    def put(self) -> None:
+        """Put everything that was written in its place."""
+        self.reopen()
+        for name, staged in self._staged.items():
+            put(staged, self.path / name)
+        self._staged.clear()
 
     def close(self, command: str, document: dict[str, Any]) -> None:
-        """Write the manifest: with it the run is finished."""
+        """Put everything in its place, the manifest last: with it the run is finished."""
         manifest = {
             "command": command,
             **document,
@@ -96,11 +125,18 @@ class RunFolder:
             "platform": platform.platform(),
             "wall_time": time.monotonic() - self._began[0],
             "cpu_time": time.process_time() - self._began[1],
-            "outputs": {name: sha256(self.path / name) for name in self._outputs},
+            "outputs": dict(self._digests),
         }
         manifest["units"] = {**document.get("units", {}), "wall_time": "s", "cpu_time": "s"}
-        text = json.dumps(manifest, indent=2, allow_nan=False) + "\n"
-        write_atomic(self.path / MANIFEST, text)
+        self.write(MANIFEST, json.dumps(manifest, indent=2, allow_nan=False) + "\n")
+        self.put()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise PmoptError(f"{self.path}: can not write: {error.strerror or error}") from error
 
 
 def versions() -> dict[str, str]:

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pmopt.analysis.settings import DEFAULT_SAMPLES
 from pmopt.analysis.sweeper import BINS, Notify
-from pmopt.analysis.workspace import Progress, WorkspaceResult, compute_workspace
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.analysis.workspace import (
+    Progress,
+    WorkspaceResult,
+    compute_workspace,
+    planned_samples,
+)
+from pmopt.checkpoint import refuse_changes
+from pmopt.errors import InputError, PmoptError
+from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.reporting.tasks import Plan, WorkspaceTask
+from pmopt.reporting.workspace_checkpoint import GROWS, WorkspaceCheckpoint, resolved
+
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
 
 _PROBE = 1 << 18
 
@@ -37,7 +49,7 @@ def plan(task: WorkspaceTask, threads: int | None, notify: Notify) -> Plan:
         points = _PROBE * max(2.0, 2 * (worst / settings.target_error) ** (1 / power))
         what = f"{settings.sampler} to a relative error of {settings.target_error:g}"
     else:
-        points = float(settings.samples or DEFAULT_SAMPLES)
+        points = float(planned_samples(settings))
         what = f"{points:.4g} samples, {settings.sampler}"
     return Plan(f"workspace {task.mechanism.name}: {what}", points, seconds * points / _PROBE)
 
@@ -47,29 +59,64 @@ def run_workspace(
     out: Path | None = None,
     *,
     force: bool = False,
+    resume: bool = False,
     threads: int | None = None,
     notify: Notify | None = None,
     progress: Progress | None = None,
+    cluster: Cluster | None = None,
 ) -> WorkspaceResult:
     """Sample a workspace and, with ``out``, write the run's folder.
+
+    A long run keeps what it has summed there now and then, and when it is interrupted.
+
+    Parameters
+    ----------
+    task : WorkspaceTask
+    out : Path, optional
+        The run's folder; None writes nothing.
+    force : bool
+        Overwrite a run in the folder.
+    resume : bool
+        Take up the run in the folder, if there is one.
+    threads : int, optional
+    notify, progress : callable, optional
+    cluster : Cluster, optional
+        Samples there.
 
     Raises
     ------
     InputError
-        When the folder holds a run, or for names and values the mechanism does not have.
+        When the folder holds a run, or one of another task, or for names and values the mechanism
+        does not have.
     """
-    folder = RunFolder(out, force) if out is not None else None
-    result = compute_workspace(
-        task.mechanism,
-        task.parameters,
-        task.settings,
-        seed=task.seed,
-        threads=threads,
-        shape_grid=task.shape_grid,
-        progress=progress,
-        notify=notify,
-    )
-    if folder is not None:
+    folder = checkpoint = begun = None
+    if out is not None:
+        interrupted = WorkspaceCheckpoint.exists(out)
+        ended = resume and _continues(task, out)
+        folder = RunFolder(out, force or (resume and interrupted) or ended, interrupted)
+        checkpoint = WorkspaceCheckpoint(folder, task)
+        if resume and interrupted:
+            begun = checkpoint.resume(notify)
+    try:
+        result = compute_workspace(
+            task.mechanism,
+            task.parameters,
+            task.settings,
+            seed=task.seed,
+            threads=threads,
+            shape_grid=task.shape_grid,
+            progress=progress,
+            notify=notify,
+            begun=begun,
+            keep=checkpoint.keep if checkpoint else None,
+            cluster=cluster,
+        )
+    except BaseException:  # Ctrl-C above all
+        if checkpoint is not None:
+            with contextlib.suppress(PmoptError):
+                checkpoint.flush()
+        raise
+    if folder is not None and checkpoint is not None:
         from pmopt.reporting import pictures  # what draws takes as long to import as a short run
 
         drawn = pictures.of_workspace(task, result, threads)
@@ -79,17 +126,47 @@ def run_workspace(
         folder.write("regions.csv", to_csv([regions_table(result)]) + "\n")
         for name, data in drawn.items():
             folder.write(name, data)
+        checkpoint.finish()
         folder.close(
             "workspace",
             {
                 "mechanism": task.mechanism.name,
                 "config": task.to_dict(),
                 "seed": task.seed,
-                "resumes": [],
+                "resumes": checkpoint.resumes,
                 "units": result.units,
             },
         )
     return result
+
+
+def finished(task: WorkspaceTask, out: Path) -> bool:
+    """Return whether a folder holds this very run, finished.
+
+    Raises
+    ------
+    InputError
+        When it holds a finished run that this one does not continue.
+    """
+    earlier = _earlier(out)
+    return earlier is not None and resolved(earlier) == resolved(task)
+
+
+def _continues(task: WorkspaceTask, out: Path) -> bool:
+    """Return whether a folder holds a finished run; refuse one that this one does not continue."""
+    earlier = _earlier(out)
+    if earlier is not None:
+        refuse_changes(out, resolved(earlier), resolved(task), GROWS)
+    return earlier is not None
+
+
+def _earlier(out: Path) -> WorkspaceTask | None:
+    manifest = read_manifest(out)
+    if manifest is None:
+        return None
+    if manifest["command"] != "workspace":
+        raise InputError(f"--out: {out} holds a finished {manifest['command']} run, not workspace")
+    return WorkspaceTask.from_dict(manifest.get("config", {}), str(out / MANIFEST))
 
 
 def histogram_table(result: WorkspaceResult) -> Table:

@@ -198,15 +198,7 @@ def load_config(path: Path) -> RunConfig:
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    return resolve_config(read_toml(path, str(path)), str(path))
-
-
-def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
-    """Return what differs between two plain configurations, as ``key: old -> new``."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        return [
-            line
-            for key in dict.fromkeys([*old, *new])
-            for line in differences(old.get(key), new.get(key), f"{prefix}{key}.")
-        ]
-    return [] if old == new else [f"{prefix[:-1]}: {old} -> {new}"]
+    data = read_toml(path, str(path))
+    if data.pop("command", "pareto") != "pareto" or "sweep" in data:
+        raise InputError(f"{path}: is a configuration of pmopt batch (it has command or sweep)")
+    return resolve_config(data, str(path))

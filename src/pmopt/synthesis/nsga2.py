@@ -8,6 +8,7 @@ object with attributes; reading and setting those took nine tenths of its time.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,11 @@ class Nsga2:
         self.variables = np.empty((0, len(lower)))
         self.objectives = self.excess = np.empty((0, 0))
         self._violation = self._crowding = np.empty(0)
+
+    @property
+    def generator(self) -> dict[str, Any]:
+        """State of the random generator: whole numbers and names."""
+        return dict(self._random.bit_generator.state)
 
     def ask(self) -> Array:
         """Return the designs of the next generation, none where all would be known ones."""

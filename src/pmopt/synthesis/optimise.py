@@ -6,6 +6,7 @@ import heapq
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,13 @@ class Record:
         The generation's designs.
     again : Evaluations or None
         Contenders on twice the samples, where the search went on with these.
+    generator : dict
+        State of the generator after it, as NumPy gives it: whole numbers and names.
     """
 
     evaluated: Evaluations
     again: Evaluations | None
+    generator: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -243,9 +247,12 @@ class Optimisation:
             best = np.full(len(problem.objectives), np.nan)
             if len(front):
                 best = (front.values * problem.senses).max(axis=0) * problem.senses
+            record = Record(evaluated, again, algorithm.generator)
+            if told is not None and told.generator != record.generator:
+                raise _other_installation(number)
             yield Generation(
                 number, evaluations, feasible, len(front), volume, tuple(best.tolist()),
-                had, Record(evaluated, again), told is not None,
+                had, record, told is not None,
             )  # fmt: skip
 
     def _measured(
@@ -256,10 +263,8 @@ class Optimisation:
         if told is None:
             return self.problem.evaluate(variables, samples)
         if not np.array_equal(told.variables, variables):
-            raise PmoptError(
-                f"checkpoint: the designs of generation {number} are not those of this "
-                "installation (another version of pymoo or NumPy?); start afresh with --force"
-            )
+            raise _other_installation(number)
+        self.problem.recall(told)
         return told
 
     def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
@@ -365,6 +370,13 @@ class Optimisation:
         return Evaluations.join(self._parts)
 
 
+def _other_installation(number: int) -> PmoptError:
+    return PmoptError(
+        f"checkpoint: the designs of generation {number} are not those of this "
+        "installation (another version of pymoo or NumPy?); start afresh with --force"
+    )
+
+
 def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
     """Raise where no design is feasible, saying what rules how many out.
 
@@ -394,4 +406,5 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
         if len(reached):
             text += f" (best {sign * reached.max() + bound:.4g})"
         parts.append(text)
+    parts += [f"{n} could not be evaluated ({why})" for why, n in problem.failures.items()]
     raise InfeasibleError(f"no feasible design: {'; '.join(parts)}")

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+import math
+import pickle
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +19,19 @@ from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.estimates import Estimate, Estimates, PopulationEstimates, of_population
 from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import split_samples
-from pmopt.analysis.sweeper import Design, Notify, Tallies
+from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
+from pmopt.analysis.warmup import warm_up
 from pmopt.analysis.workspace import measure_on_grids, measure_to_target
+from pmopt.errors import InputError, PmoptError, UnreachableError
 from pmopt.mechanisms import find
+from pmopt.mechanisms.base import Parameters
 from pmopt.numerics.sequences import Sequence as Points
 from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
 from pmopt.threads import ordered_map
 from pmopt.units import ONE, measure_unit
+
+if TYPE_CHECKING:
+    from pmopt.cluster import Cluster
 
 #: The constraint every problem has: something must be reachable.
 REACHABLE = "reachable"
@@ -33,6 +44,10 @@ FIRST_SAMPLES = 1 << 12
 FIRST_ON_LINES = 1 << 10
 #: Parts of a population, for each thread.
 _SLICES = 4
+#: The same for each thread of a cluster, and the seconds of a part that make up for the
+#: milliseconds it takes to send.
+_TASKS = 2
+_WORTH = 0.02
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
 #: Objectives in space: the field of a projection that holds each.
@@ -101,11 +116,17 @@ class DesignProblem:
         Resolved.
     threads : int, optional
     notify : callable, optional
+    cluster : Cluster, optional
+        Evaluates there: the results are the same.
     """
 
     def __init__(
-        self, config: RunConfig, threads: int | None = None, notify: Notify | None = None
-    ) -> None:
+        self, config: RunConfig, threads: int | None = None, notify: Notify | None = None,
+        cluster: Cluster | None = None,
+    ) -> None:  # fmt: skip
+        self._cluster = cluster
+        self._told = pickle.dumps(config)
+        self._pace = 0.0  # s a sample on the cluster; not known before the first evaluation
         self.config = config
         self.mechanism = find(config.mechanism)
         self.sweeper = make_sweeper(
@@ -137,6 +158,9 @@ class DesignProblem:
         #: Samples of a design: of each in the search, where it does not choose them itself.
         #: None on grids and to a target error.
         self.samples = config.search_samples
+        self._reasons: dict[tuple[float | None, ...], str] = {}
+        if cluster is None:
+            warm_up([self.sweeper], self.sweeper.threads, shapes=self._projects)
 
     @property
     def first_samples(self) -> int | None:
@@ -171,8 +195,41 @@ class DesignProblem:
                 for p in self.mechanism.parameters}  # fmt: skip
 
     def design(self, row: NDArray[np.float64]) -> Design:
-        """Return a design ready to be swept."""
-        return self.sweeper.design(self.parameters(row))
+        """Return a design ready to be swept; one that can not be made ready reaches nothing."""
+        parameters = self.parameters(row)
+        try:
+            return self.sweeper.design(parameters)
+        except Exception as error:
+            self._failed(parameters, error)
+            return self.sweeper.nothing(parameters)
+
+    def _project(self, sweeper: Sweeper, design: Design, samples: int) -> Projection:
+        """Return what a design takes of space; where that fails, of nothing."""
+        try:
+            return measure_projection(sweeper, design, samples)
+        except Exception as error:
+            self._failed(design.parameters, error)
+            return measure_projection(sweeper, sweeper.nothing(design.parameters), samples)
+
+    def _failed(self, parameters: Parameters, error: Exception) -> None:
+        """Record why one design can not be evaluated; raise what concerns all of them."""
+        wrong = isinstance(error, InputError) and not isinstance(error, UnreachableError)
+        if wrong or isinstance(error, MemoryError):
+            raise error
+        text = str(error) if isinstance(error, PmoptError) else f"{type(error).__name__}: {error}"
+        self._reasons[tuple(parameters.values())] = text
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Why how many designs could not be evaluated so far, the most frequent reason first."""
+        return dict(Counter(self._reasons.values()).most_common())
+
+    def recall(self, evaluated: Evaluations) -> None:
+        """Find again why designs failed whose evaluations are recorded."""
+        for row in evaluated.variables[np.isnan(evaluated.values).any(axis=1)]:
+            design = self.design(row)
+            if self._projects:
+                self._project(self._alone, design, FIRST_SAMPLES)
 
     def evaluate(self, variables: NDArray[np.float64], samples: int | None = None) -> Evaluations:
         """Evaluate a whole population.
@@ -185,6 +242,8 @@ class DesignProblem:
             those of more, the first ones of each replicate.
         """
         samples = samples or self.samples
+        if self._cluster is not None:
+            return self._far(self._cluster, variables, samples)
         designs: list[Design] = []
         if samples is not None:
             tallies = self._tally(variables, samples, designs)
@@ -212,6 +271,22 @@ class DesignProblem:
         )
         slack[0] = np.where(np.isnan(values).any(axis=1), np.minimum(slack[0], -1e-9), slack[0])
         return Evaluations(variables, values, errors, np.stack([*slack, *bounds], axis=1))
+
+    def _far(
+        self, cluster: Cluster, variables: NDArray[np.float64], samples: int | None
+    ) -> Evaluations:
+        """Evaluate on a cluster, in parts that are worth a task there."""
+        work = len(variables) * (samples or 1)
+        worth = math.ceil(self._pace * work / _WORTH) if self._pace else len(variables)
+        slices = max(1, min(len(variables), _TASKS * cluster.threads, worth))
+        parts = [_Part(self._told, rows, samples) for rows in np.array_split(variables, slices)]
+        found, seconds = [], 0.0
+        for done in cluster.ordered_map(evaluate_part, parts):
+            found.append(done.found)
+            seconds += done.seconds
+            self._reasons |= done.reasons
+        self._pace = seconds / work
+        return Evaluations.join(found)
 
     def _tally(
         self, variables: NDArray[np.float64], samples: int, designs: list[Design]
@@ -262,7 +337,7 @@ class DesignProblem:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
         found = list(
             ordered_map(
-                lambda design: measure_projection(self._alone, design, samples),
+                lambda design: self._project(self._alone, design, samples),
                 designs,
                 self.sweeper.threads,
             )
@@ -305,7 +380,13 @@ class DesignProblem:
         by_name : dict
             What objectives and constraints may be, by name.
         """
-        return ordered_map(self._measure, variables, self.sweeper.threads)
+        if self._cluster is not None:
+            rows = (_Part(self._told, row, None) for row in variables)
+            for done in self._cluster.ordered_map(measure_part, rows):
+                self._reasons |= done.reasons
+                yield done.found
+            return
+        yield from ordered_map(self._measure, variables, self.sweeper.threads)
 
     def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
         target = self.config.final.target_error
@@ -313,9 +394,53 @@ class DesignProblem:
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
         by_name = {"volume": found.volume, "gci": found.gci}
         if self._projects:
-            space: Projection = measure_projection(self._final, design, FINAL_PROJECTION)
+            space: Projection = self._project(self._final, design, FINAL_PROJECTION)
             by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
         return found, by_name
+
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some designs, as a worker of a cluster gets them."""
+
+    config: bytes
+    variables: NDArray[np.float64]
+    samples: int | None
+
+
+@dataclass(frozen=True)
+class _Done(Generic[Found]):
+    """What a worker sends: the results, the seconds they took, why which designs failed."""
+
+    found: Found
+    seconds: float
+    reasons: dict[tuple[float | None, ...], str]
+
+
+def evaluate_part(part: _Part) -> _Done[Evaluations]:
+    """Evaluate some designs: what a worker does."""
+    return _done(part, lambda problem: problem.evaluate(part.variables, part.samples))
+
+
+def measure_part(part: _Part) -> _Done[tuple[Estimates, dict[str, Estimate]]]:
+    """Measure one design: what a worker does."""
+    return _done(part, lambda problem: next(problem.measure(part.variables[None])))
+
+
+def _done(part: _Part, work: Callable[[DesignProblem], Found]) -> _Done[Found]:
+    problem = copy.copy(_problem(part.config))
+    problem._reasons = {}  # of these designs alone
+    began = time.perf_counter()
+    found = work(problem)
+    return _Done(found, time.perf_counter() - began, problem._reasons)
+
+
+@lru_cache(maxsize=8)
+def _problem(config: bytes) -> DesignProblem:
+    return DesignProblem(pickle.loads(config), threads=1)
 
 
 def _joined(parts: list[Tallies]) -> Tallies:

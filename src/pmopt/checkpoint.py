@@ -1,0 +1,250 @@
+"""What a run has reached, on disk: plain numbers, checked on loading, nothing that is executed.
+
+A run's folder holds a folder ``checkpoint``: ``run.json`` says what was asked for, and each
+numbered file holds a table of numbers that was reached. Every file is written whole and holds a
+hash of the rest of it, and tables carry the key of their run: what is torn, altered or another
+run's is never taken for its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.errors import InputError, PmoptError
+from pmopt.files import remove_leftovers, write_atomic
+from pmopt.version import __version__
+
+#: Of run.json and of the numbered files; another one is refused.
+SCHEMA = 3
+FOLDER = "checkpoint"
+_RUN = "run.json"
+
+Notify = Callable[[str], None]
+#: Whether a run that was asked for the first value may be continued to the second.
+Grows = Callable[[Any, Any], bool]
+
+
+@dataclass(frozen=True)
+class Reached:
+    """The content of one numbered file.
+
+    Attributes
+    ----------
+    number : int
+    facts : dict
+        What JSON can hold.
+    table : (N, M) float64
+    """
+
+    number: int
+    facts: dict[str, Any]
+    table: NDArray[np.float64]
+
+
+class CheckpointFolder:
+    """The checkpoint of one run.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    command : str
+    unit : str
+        What the numbers of files count, the first part of their names.
+    config : dict
+        All that the tables depend on but the version of pmopt; what JSON can hold.
+    grows : mapping
+        By dotted key of the configuration, whether a run may be continued from one value to
+        another.
+    """
+
+    def __init__(
+        self, folder: Path, command: str, unit: str, config: dict[str, Any],
+        grows: Mapping[str, Grows],
+    ) -> None:  # fmt: skip
+        self.folder = folder / FOLDER
+        self.command = command
+        self.unit = unit
+        self.config = config
+        self.grows = grows
+        same = json.loads(json.dumps(config))
+        for key in grows:
+            *path, last = key.split(".")
+            table = same
+            for name in path:
+                table = table[name]
+            table[last] = table[last] is not None
+        self._key = _digest(_canonical([SCHEMA, __version__, command, same]))
+        self.resumes: list[int] = []
+
+    @staticmethod
+    def exists(folder: Path) -> bool:
+        """Return whether a run was begun in this folder."""
+        return (folder / FOLDER / _RUN).exists()
+
+    @staticmethod
+    def configuration(folder: Path) -> dict[str, Any] | None:
+        """Return the configuration of the run begun in this folder, None where nothing tells."""
+        try:
+            run = json.loads((folder / FOLDER / _RUN).read_text(encoding="utf-8"))
+            return dict(run["config"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    @staticmethod
+    def count(folder: Path) -> int:
+        """Return how many numbered files there are in this folder."""
+        return sum(1 for _ in (folder / FOLDER).glob("*-*.bin"))
+
+    def start(self) -> None:
+        """Begin a new run, and then forget any earlier one."""
+        self.resumes = []
+        self._write_run()
+        self._remove(self._files())
+
+    def clear(self) -> None:
+        """Forget the run: first what says that there is one."""
+        self._remove([self.folder / _RUN, *self._files()])
+        with contextlib.suppress(OSError):  # there is none, or something else is in it
+            self.folder.rmdir()
+
+    def _remove(self, paths: list[Path]) -> None:
+        try:
+            for path in paths:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise PmoptError(f"{path}: can not remove: {error.strerror or error}") from error
+
+    def check(self) -> None:
+        """Refuse to continue what is not this run, or this run cut off.
+
+        Raises
+        ------
+        InputError
+            When the folder's run had another command, version or configuration; the differences
+            are named.
+        """
+        path = self.folder / _RUN
+        try:
+            run = json.loads(path.read_text(encoding="utf-8"))
+            schema, version = run["schema"], run["version"]
+            if (schema, version) != (SCHEMA, __version__):
+                raise InputError(
+                    f"{path}: was written by pmopt {version} (schema {schema}), this is "
+                    f"{__version__} (schema {SCHEMA}); --force starts afresh"
+                )
+            if run.pop("sha256") != _digest(_canonical(run)):
+                raise ValueError
+            command, config, resumes = run["command"], run["config"], run["resumes"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            raise InputError(f"{path}: is no checkpoint of pmopt; --force starts afresh") from None
+        if command != self.command:
+            raise InputError(f"{path}: is the checkpoint of a {command} run, not {self.command}")
+        refuse_changes(self.folder.parent, config, self.config, self.grows)
+        self.resumes = resumes
+
+    def taken_up(self, number: int) -> None:
+        """Record that the run goes on from a number."""
+        self.resumes.append(number)
+        self._write_run()
+
+    def write(self, number: int, facts: dict[str, Any], table: NDArray[np.float64]) -> None:
+        """Write one numbered file."""
+        numbers = np.ascontiguousarray(table, dtype="<f8")
+        head = {"key": self._key, "number": number, "shape": numbers.shape, "facts": facts}
+        rest = json.dumps(head).encode() + b"\n" + numbers.tobytes()
+        write_atomic(self._path(number), _digest(rest).encode() + b"\n" + rest)
+
+    def numbers(self) -> list[int]:
+        """Return the numbers of which there are files, ascending."""
+        ends = [path.stem.removeprefix(f"{self.unit}-") for path in self._files()]
+        return sorted(int(end) for end in ends if end.isdecimal())
+
+    def remove(self, number: int) -> None:
+        """Remove a numbered file."""
+        self._remove([self._path(number)])
+
+    def read(self, number: int, notify: Notify | None = None) -> Reached | None:
+        """Return one numbered file, None (and a line) where it is torn or another run's."""
+        path = self._path(number)
+        try:
+            digest, rest = path.read_bytes().split(b"\n", 1)
+            if digest != _digest(rest).encode():
+                raise ValueError("is torn")
+            line, raw = rest.split(b"\n", 1)
+            head = json.loads(line)
+            if (head["key"], head["number"]) != (self._key, number):
+                raise ValueError("is of another run")
+            table = np.frombuffer(raw, dtype="<f8").reshape(head["shape"]).astype(float)
+            return Reached(number, dict(head["facts"]), table)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            if notify:
+                reason = str(error) if type(error) is ValueError else "can not be read"
+                notify(f"{path}: {reason}: not used")
+            return None
+
+    def _write_run(self) -> None:
+        remove_leftovers(self.folder)
+        document = {
+            "schema": SCHEMA,
+            "version": __version__,
+            "command": self.command,
+            "config": self.config,
+            "resumes": self.resumes,
+        }
+        document["sha256"] = _digest(_canonical(document))
+        write_atomic(self.folder / _RUN, json.dumps(document, indent=1))
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"{self.unit}-{number:07d}.bin"
+
+    def _files(self) -> list[Path]:
+        return list(self.folder.glob("*-*.bin"))
+
+
+def _canonical(document: Any) -> bytes:
+    return json.dumps(document, sort_keys=True).encode()
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def refuse_changes(folder: Path, old: Any, new: Any, grows: Mapping[str, Grows]) -> None:
+    """Refuse to continue the run of one configuration with another one.
+
+    Raises
+    ------
+    InputError
+        One line that names every key with its old and new value.
+    """
+    changed = changes(old, new, grows)
+    if changed:
+        raise InputError(f"{folder}: --resume with a changed configuration: {'; '.join(changed)}")
+
+
+def changes(old: Any, new: Any, grows: Mapping[str, Grows]) -> list[str]:
+    """Return what keeps one configuration from continuing another, as ``key: old -> new``."""
+    return [
+        f"{key}: {one} -> {other}"
+        for key, one, other in differences(old, new)
+        if key not in grows or None in (one, other) or not grows[key](one, other)
+    ]
+
+
+def differences(old: Any, new: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield what differs between two plain configurations: dotted key, old and new value."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys([*old, *new]):
+            yield from differences(old.get(key), new.get(key), f"{prefix}{key}.")
+    elif old != new:
+        yield prefix[:-1], old, new

@@ -1,0 +1,590 @@
+"""A whole ``pmopt batch``: many runs in one folder, each in its own, and their summary.
+
+What is done stands on disk alone, run by run, so that a batch that was cut off anywhere goes on
+from there and shards of it are merged by reading their folders.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
+
+from pmopt.analysis.sweeper import Notify, Sweeper
+from pmopt.analysis.warmup import warm_up
+from pmopt.checkpoint import differences
+from pmopt.cluster import Cluster
+from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
+from pmopt.files import write_atomic
+from pmopt.reporting.batch_plan import (
+    PlannedRun,
+    find_configs,
+    in_shard,
+    parse_shard,
+    plan_runs,
+)
+from pmopt.reporting.batch_summary import FAILURE, BatchResult, RunSummary, Status, summary_of
+from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
+from pmopt.reporting.runners import RUNNERS
+from pmopt.reporting.table import Table, to_csv
+from pmopt.threads import default_threads
+from pmopt.workers import LocalWorkers, Pool
+
+if TYPE_CHECKING:
+    from pmopt.analysis.dynamics import Mover
+
+PLAN, SUMMARY, LOCK = "batch.json", "summary.csv", "batch.lock"
+#: Folder of the runs' folders.
+RUNS = "runs"
+SCHEMA = 1
+#: Runs of each command and mechanism that a dry run measures.
+_PROBED = 2
+#: Least seconds between two looks at whether a run on another machine is still wanted.
+_BEAT = 1.0
+
+#: Called with the number of a run and what has become of it.
+OnDone = Callable[["RunSummary"], None]
+
+
+@dataclass(frozen=True)
+class BatchPlan:
+    """What a batch would do and the time it would take, measured on some of its runs."""
+
+    rows: tuple[tuple[str, str, int, int, int, float], ...]
+    workers: int
+    columns: ClassVar[tuple[str, ...]] = (
+        "command", "mechanism", "runs", "finished", "probed", "cpu_time",
+    )  # fmt: skip
+    units: ClassVar[dict[str, str]] = {"cpu_time": "s", "estimated_time": "s"}
+
+    @property
+    def seconds(self) -> float:
+        """Estimated time of the whole batch."""
+        return sum(row[-1] for row in self.rows) / self.workers
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "groups": [dict(zip(self.columns, row, strict=True)) for row in self.rows],
+            "workers": self.workers,
+            "estimated_time": self.seconds,
+            "units": self.units,
+        }
+
+    def table(self) -> Table:
+        """Return a row for each command and mechanism."""
+        note = f"on {self.workers} workers about {self.seconds:.2g} s"
+        display = tuple((*row[:-1], f"{row[-1]:.2g}") for row in self.rows)
+        return Table("Dry run", self.columns, self.rows, self.units, (note,), display)
+
+
+@dataclass(frozen=True)
+class Share:
+    """How work is shared: over processes or over the threads of each, never both.
+
+    Attributes
+    ----------
+    workers, threads : int
+        Processes of this machine and threads of each run; one of them is 1.
+    scheduler : str or None
+        Of the Dask cluster that is used instead.
+    """
+
+    workers: int
+    threads: int
+    scheduler: str | None
+
+    def pool(self) -> LocalWorkers | Cluster:
+        """Return what runs the runs, a context."""
+        return LocalWorkers(self.workers) if self.scheduler is None else Cluster(self.scheduler)
+
+
+def shares(
+    runs: int, workers: int | None = None, threads: int | None = None, scheduler: str | None = None
+) -> Share:
+    """Return how runs are shared.
+
+    Where nothing is said: fewer runs than cores go one after the other, each on all of them.
+
+    Raises
+    ------
+    InputError
+        For what excludes each other.
+    """
+    if scheduler is not None:
+        if workers or threads:
+            other = "--workers" if workers else "--threads"
+            raise InputError(f"--scheduler and {other} exclude each other: the cluster has its own")
+        return Share(0, 1, scheduler)
+    if (workers or 1) > 1 and (threads or 1) > 1:
+        raise InputError("--workers and --threads exclude each other: one of them may be over 1")
+    cores = default_threads()
+    if workers is None:
+        workers = 1 if (threads or 1) > 1 or runs < cores else cores
+    return Share(workers, (threads or cores) if workers == 1 else 1, None)
+
+
+def run_batch(
+    configs: Sequence[str],
+    out: Path,
+    *,
+    workers: int | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    force: bool = False,
+    notify: Notify | None = None,
+) -> BatchResult:
+    """Run configurations, or what is not done of them, into a folder.
+
+    Parameters
+    ----------
+    configs : sequence of str
+        Files and globs.
+    out : Path
+    workers, threads, scheduler
+        See :func:`shares`.
+    shard : str, optional
+        ``"2/5"``: only the second of five parts.
+    force : bool
+        Start every run afresh.
+    notify : callable, optional
+
+    Raises
+    ------
+    InputErrors
+        With a line for everything that is wrong, before anything is run.
+    """
+    notify = notify or (lambda text: None)
+    part = None if shard is None else parse_shard(shard)
+    batch = Batch(plan_runs(find_configs(configs)), out, part)
+    batch.check(force)
+    share = shares(len(batch.own), workers, threads, scheduler)
+    with share.pool() as pool:
+        return batch.run(pool, force=force, threads=share.threads, notify=notify)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run, as a worker gets it."""
+
+    command: str
+    document: dict[str, Any]
+    source: str
+    folder: str
+    force: bool
+    threads: int | None
+    lock: str
+    key: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker says: nothing, or what kept the run from its end.
+
+    Where the worker does not see the batch's folder, ``files`` are those of the run.
+    """
+
+    status: Status = "finished"
+    message: str = ""
+    files: dict[str, bytes] = field(default_factory=dict)
+
+
+class _Unwanted(Exception):
+    """The batch that asked for this run has gone."""
+
+
+def run_job(job: Job) -> Outcome:
+    """Run one run of a batch: what a worker does. Raises nothing."""
+    shared = _key_of(job.lock) == job.key
+    looked = time.monotonic()
+
+    def beat() -> None:
+        nonlocal looked
+        if shared and time.monotonic() - looked > _BEAT:
+            looked = time.monotonic()
+            if _key_of(job.lock) != job.key:
+                raise _Unwanted
+
+    try:
+        runner = RUNNERS[job.command].resolve(job.document, job.source)
+        if shared:
+            runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
+            return Outcome()
+        with tempfile.TemporaryDirectory(prefix="pmopt-") as folder:
+            runner.run(Path(folder), force=True, threads=job.threads)
+            paths = [p for p in Path(folder).rglob("*") if p.is_file()]
+            return Outcome(files={str(p.relative_to(folder)): p.read_bytes() for p in paths})
+    except InfeasibleError as error:
+        return Outcome("infeasible", str(error))
+    except PmoptError as error:
+        return Outcome("failed", str(error))
+    except MemoryError:
+        return Outcome("failed", "out of memory: fewer samples, a smaller grid or population")
+    except _Unwanted:
+        return Outcome("pending", "the batch was stopped")
+    except Exception as error:
+        return Outcome("failed", f"unexpected {type(error).__name__}: {error}")
+
+
+def _key_of(lock: str) -> str | None:
+    try:
+        return Path(lock).read_text(encoding="utf-8")
+    except OSError:
+        return None
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A batch and its folder.
+
+    Parameters
+    ----------
+    runs : sequence of PlannedRun
+        The whole plan, all shards.
+    folder : Path
+    shard : (int, int), optional
+        Only the k-th of n parts is run.
+    """
+
+    runs: Sequence[PlannedRun]
+    folder: Path
+    shard: tuple[int, int] | None = None
+
+    @property
+    def own(self) -> list[PlannedRun]:
+        """The runs of this shard."""
+        return [run for k, run in enumerate(self.runs) if in_shard(k, self.shard)]
+
+    def todo(self, force: bool) -> list[PlannedRun]:
+        """Return the runs of this shard that are not finished, or all."""
+        return [r for r in self.own if force or not r.runner.finished(self.run_folder(r))]
+
+    def run_folder(self, run: PlannedRun) -> Path:
+        """Return the folder of a run."""
+        return self.folder / RUNS / run.name
+
+    def check(self, force: bool) -> None:
+        """Refuse what can not be run, before anything is.
+
+        Raises
+        ------
+        InputError
+            For a folder that is not this batch's.
+        InputErrors
+            A line for each run that its mechanism or its folder does not allow.
+        """
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError(f"--out: {self.folder} is a file, not a folder")
+        manifest = read_manifest(self.folder)
+        if manifest is not None and manifest["command"] != "batch":
+            raise InputError(
+                f"--out: {self.folder} holds a finished {manifest['command']} run, not a batch"
+            )
+        before = _read_plan(self.folder)
+        shard = _shard_text(self.shard)
+        if before is not None and before["shard"] != shard and not force:
+            raise InputError(
+                f"--out: {self.folder} holds {before['shard'] or 'all'} of a batch, this is "
+                f"{shard or 'all'} of one; another folder or --force is needed"
+            )
+        wrong: dict[str, int] = {}
+        for run in self.own:
+            try:
+                run.runner.ready()
+                line = self._of_folder(run, force)
+            except InputError as error:
+                line = f"{run.source}: {error}"
+            if line:
+                wrong[line] = wrong.get(line, 0) + 1
+        if wrong:
+            raise InputErrors([f"{line} ({n} runs)" if n > 1 else line
+                                      for line, n in wrong.items()])  # fmt: skip
+
+    def _of_folder(self, run: PlannedRun, force: bool) -> str:
+        """Return what is wrong with the folder of a run, nothing where it may be written."""
+        folder = self.run_folder(run)
+        for path in (folder.parent, folder):
+            if path.is_symlink():
+                return f"{path}: is a symbolic link, a batch writes into its own folder only"
+            if path.exists() and not path.is_dir():
+                return f"{path}: is a file, not a folder"
+        for path in folder.glob("*"):
+            if path.is_symlink() and path.is_dir():
+                return f"{path}: is a symbolic link, a batch writes into its own folder only"
+        if force:
+            return ""
+        manifest = read_manifest(folder)
+        if manifest is not None and manifest["command"] != run.runner.command:
+            return f"{folder}: holds a finished {manifest['command']} run, not {run.runner.command}"
+        changed = "; ".join(run.runner.changes(folder))
+        if not changed:
+            return ""
+        return (
+            f"{folder}: holds a run of another configuration: {changed}; "
+            "another --out or --force is needed"
+        )
+
+    def finished(self) -> bool:
+        """Return whether this very batch is finished, its last run and its summary."""
+        manifest = read_manifest(self.folder)
+        return (
+            manifest is not None
+            and (_read_plan(self.folder) or {}).get("runs") == [r.to_dict() for r in self.runs]
+            and not self.todo(force=False)
+        )
+
+    def run(
+        self, pool: Pool, *, force: bool = False, threads: int | None = None, notify: Notify,
+        on_done: OnDone | None = None, tick: Callable[[list[str]], None] | None = None,
+    ) -> BatchResult:  # fmt: skip
+        """Run what is not done yet and write the summary.
+
+        Parameters
+        ----------
+        pool : Pool
+        force : bool
+            Start every run afresh.
+        threads : int, optional
+            Of each run.
+        notify : callable
+        on_done : callable, optional
+            Receives each run as it ends.
+        tick : callable, optional
+            Called some times a second with the names of the runs at work.
+
+        Raises
+        ------
+        PmoptError
+            When the folder can not be written or another process is writing it.
+        """
+        own = self.own
+        folder = RunFolder(self.folder, force=True)
+        with self._locked() as key:
+            folder.open()
+            write_atomic(self.folder / PLAN, self._plan_text())
+            todo = self.todo(force)
+            if todo:
+                folder.reopen()
+            if todo and pool.local:
+                warm_up(_distinct_users(todo, notify), pool.local)
+            jobs = []
+            for run in todo:
+                path = self.run_folder(run)
+                (path / FAILURE).unlink(missing_ok=True)
+                jobs.append(
+                    Job(
+                        run.runner.command,
+                        _plain(run),
+                        os.path.abspath(run.source),
+                        str(path.absolute()),
+                        force,
+                        threads,
+                        str((self.folder / LOCK).absolute()),
+                        key,
+                    )
+                )
+
+            def on_tick() -> None:
+                if tick is not None:
+                    tick([todo[number].name for number in pool.running])
+
+            for number, outcome in pool.completed(run_job, jobs, on_tick):
+                run = todo[number]
+                if isinstance(outcome, PmoptError):
+                    outcome = Outcome("failed", str(outcome))
+                self._keep(run, outcome)
+                if on_done is not None:
+                    on_done(self.summary_of(run))
+            result = BatchResult(self.folder, tuple(self.summary_of(run) for run in own))
+            folder.write(SUMMARY, to_csv([result.table()]) + "\n")
+            document = {"shard": _shard_text(self.shard), "runs": result.to_dict()["runs"]}
+            folder.close("batch", document)
+        return result
+
+    def summary_of(self, run: PlannedRun) -> RunSummary:
+        """Return what has become of a run."""
+        return summary_of(run.to_dict(), self.run_folder(run))
+
+    def plan(self, workers: int, force: bool, notify: Notify) -> BatchPlan:
+        """Measure some runs of each command and mechanism and scale them to the batch."""
+        groups: dict[tuple[str, str], list[PlannedRun]] = {}
+        for run in self.own:
+            groups.setdefault((run.runner.command, run.runner.mechanism), []).append(run)
+        rows = []
+        for (command, mechanism), runs in groups.items():
+            todo = [r for r in runs if force or not r.runner.finished(self.run_folder(r))]
+            step = max(1, len(todo) // _PROBED)
+            probes = todo[step // 2 :: step][:_PROBED]
+            times = [run.runner.plan(1, notify).seconds for run in probes]
+            seconds = sum(times) / len(times) * len(todo) if times else 0.0
+            rows.append(
+                (command, mechanism, len(runs), len(runs) - len(todo), len(probes), seconds)
+            )
+        return BatchPlan(tuple(rows), workers)
+
+    def _keep(self, run: PlannedRun, outcome: Outcome) -> None:
+        """Write what a worker sent."""
+        path = self.run_folder(run)
+        if outcome.status != "finished":
+            if outcome.status != "pending":
+                # As it was given: on another machine the file may lie elsewhere.
+                message = outcome.message.replace(os.path.abspath(run.source), run.source)
+                document = {"status": outcome.status, "message": message}
+                write_atomic(path / FAILURE, json.dumps(document) + "\n")
+            return
+        if outcome.files:
+            folder = RunFolder(path, force=True)
+            folder.open()
+            folder.reopen()
+            for name in sorted(outcome.files, key=lambda name: name == MANIFEST):
+                if Path(name).is_absolute() or ".." in Path(name).parts:
+                    raise PmoptError(f"{path}: a worker sent a file of the name {name}")
+                write_atomic(path / name, outcome.files[name])
+
+    def _plan_text(self) -> str:
+        document = {
+            "schema": SCHEMA,
+            "shard": _shard_text(self.shard),
+            "runs": [run.to_dict() for run in self.runs],
+        }
+        return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[str]:
+        """Keep others from the folder, and give the key that tells workers they are wanted."""
+        path, key = self.folder / LOCK, uuid.uuid4().hex
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            # A link there would lead out of the folder.
+            flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+            stream = os.fdopen(os.open(path, flags, 0o644), "r+", encoding="utf-8")
+        except OSError as error:
+            raise PmoptError(f"{self.folder}: can not write: {error.strerror or error}") from error
+        with stream:
+            try:
+                _lock(stream)
+                if path.stat().st_ino != os.fstat(stream.fileno()).st_ino:
+                    raise BlockingIOError  # the other one has just ended
+            except (BlockingIOError, FileNotFoundError):
+                raise PmoptError(f"{self.folder}: another pmopt batch is writing it") from None
+            stream.truncate(0)
+            stream.write(key)
+            stream.flush()
+            os.fsync(stream.fileno())
+            try:
+                yield key
+            finally:
+                path.unlink(missing_ok=True)
+
+
+def _lock(stream: TextIO) -> None:
+    """Lock a file, for as long as this process has it open, where the system can.
+
+    Raises
+    ------
+    BlockingIOError
+        When another process has it.
+    """
+    with contextlib.suppress(ImportError):
+        import fcntl
+
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:  # a file system without locks
+            pass
+
+
+def _plain(run: PlannedRun) -> dict[str, Any]:
+    """Return a run's configuration as its class resolves it again."""
+    return {k: v for k, v in run.runner.document().items() if k != "command"}
+
+
+def _distinct_users(runs: Sequence[PlannedRun], notify: Notify) -> list[Sweeper | Mover]:
+    """Return one of all that call the same kernels, for each set of them."""
+    found: dict[frozenset[int], Sweeper | Mover] = {}
+    for run in runs:
+        user = run.runner.ready(notify)
+        if user is not None:
+            found.setdefault(frozenset(map(id, user.kernels)), user)
+    return list(found.values())
+
+
+def _shard_text(shard: tuple[int, int] | None) -> str | None:
+    return None if shard is None else f"{shard[0]}/{shard[1]}"
+
+
+def _read_plan(folder: Path) -> dict[str, Any] | None:
+    """Return what a batch's folder is to hold, None where there is no batch."""
+    try:
+        document = json.loads((folder / PLAN).read_text(encoding="utf-8"))
+        if document["schema"] != SCHEMA or not isinstance(document["runs"], list):
+            return None
+        return {"shard": document["shard"], "runs": document["runs"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def merge(folders: Sequence[Path], out: Path, force: bool = False) -> BatchResult:
+    """Bring the shards of a batch together into one summary, the same as of the whole batch.
+
+    Runs of shards that are missing or were cut off are ``pending``.
+
+    Raises
+    ------
+    InputError
+        For a folder that holds no batch, or shards of different batches.
+    """
+    plans = []
+    for path in folders:
+        plan = _read_plan(path)
+        if plan is None:
+            raise InputError(f"--merge: {path} holds no batch")
+        plans.append(plan)
+        if plan["runs"] != plans[0]["runs"]:
+            raise InputError(
+                f"--merge: {path} holds a part of another batch than {folders[0]}: "
+                f"{_difference(plans[0]['runs'], plan['runs'])}"
+            )
+    if any(path.resolve() == out.resolve() for path in folders):
+        raise InputError(f"--out: {out} is one of the shards")
+    runs = []
+    for number, planned in enumerate(plans[0]["runs"]):
+        parts = [summary_of(planned, path / RUNS / planned["name"])
+                 for path, plan in zip(folders, plans, strict=True)
+                 if in_shard(number, _shard(plan["shard"]))]  # fmt: skip
+        done = [part for part in parts if part.status == "finished"] + parts
+        runs.append(done[0] if done else summary_of(planned, out / RUNS / planned["name"]))
+    result = BatchResult(out, tuple(runs))
+    folder = RunFolder(out, force)
+    folder.open()
+    folder.write(SUMMARY, to_csv([result.table()]) + "\n")
+    folder.close(
+        "batch", {"merged": [str(path) for path in folders], "runs": result.to_dict()["runs"]}
+    )
+    return result
+
+
+def _shard(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    k, n = text.split("/")
+    return int(k), int(n)
+
+
+def _difference(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
+    """Return the first thing in which two plans differ."""
+    if len(one) != len(other):
+        return f"{len(one)} and {len(other)} runs"
+    found = (d for a, b in zip(one, other, strict=True) for d in differences(a, b))
+    key, old, new = next(found)
+    return f"{key}: {old} -> {new}"

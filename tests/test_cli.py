@@ -857,34 +857,34 @@ def test_a_reader_that_goes_after_one_line(tmp_path):
 
 
 @pytest.fixture
-def pools(monkeypatch):
-    """Record the sizes of the thread pools that are made."""
-    sizes = []
+def helpers(monkeypatch):
+    """Record the threads that are started beside the caller's."""
+    started = []
 
-    class Pool(threads.ThreadPoolExecutor):
-        def __init__(self, size):
-            sizes.append(size)
-            super().__init__(size)
+    class Helper(threads.Thread):
+        def start(self):
+            started.append(self)
+            super().start()
 
-    monkeypatch.setattr(threads, "ThreadPoolExecutor", Pool)
-    return sizes
+    monkeypatch.setattr(threads, "Thread", Helper)
+    return started
 
 
-def test_number_of_threads(monkeypatch, pools):
-    def sizes(**options):
-        pools.clear()
+def test_number_of_threads(monkeypatch, helpers):
+    def count(**options):
+        helpers.clear()
         package.workspace(MECH, samples=600_000, shape_grid=0, **options)
-        return pools
+        return 1 + len(helpers)
 
     monkeypatch.setenv("NUMBA_NUM_THREADS", "3")
-    assert sizes() == [3]
-    assert sizes(threads=2) == [2]
-    assert sizes(threads=1) == []
+    assert count() == 3
+    assert count(threads=2) == 2
+    assert count(threads=1) == 1
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
-    assert sizes() == []
+    assert count() == 1
     monkeypatch.delenv("NUMBA_NUM_THREADS")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    assert sizes() == ([cores] if cores > 1 else [])
+    assert count() == cores
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "two", "1.5", "", "\u00b2"])

@@ -20,9 +20,12 @@ from pmopt.mechanisms import Mechanism, find, names
 if TYPE_CHECKING:
     from pmopt.analysis.certify import CertifiedVolume, Claim
     from pmopt.analysis.mobility import MobilityResult
+    from pmopt.analysis.motion_config import MotionTask
     from pmopt.analysis.singularities import SingularityResult
     from pmopt.analysis.workspace import WorkspaceResult
+    from pmopt.reporting.motion_run import MotionRun
     from pmopt.reporting.pareto_run import ParetoRun
+    from pmopt.reporting.simulate_run import SimulationRun
 
 Params = Mapping[str, Any]
 
@@ -221,7 +224,7 @@ def certify(
 def warmup(
     *mechanisms: str, threads: int | None = None, notify: Callable[[str], None] | None = None
 ) -> dict[str, int]:
-    """Compile the kernels of mechanisms ahead: what workspaces with default settings need.
+    """Compile the kernels of mechanisms ahead: what motions and default workspaces need.
 
     Parameters
     ----------
@@ -237,6 +240,7 @@ def warmup(
     dict
         By mechanism, the number of kernels that were missing.
     """
+    from pmopt.analysis.dynamics import Mover
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.sweeper import Sweeper
     from pmopt.analysis.warmup import warm_up
@@ -249,13 +253,15 @@ def warmup(
             told.add(line)
             notify(line)
 
-    sweepers = []
+    users: list[Sweeper | Mover] = []
     for name in mechanisms or names():
         found = find(name)
-        sweepers.append(Sweeper(found, WorkspaceSettings(), notify=once))
+        users.append(Sweeper(found, WorkspaceSettings(), notify=once))
         if found.line is not None:
-            sweepers.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
-    return warm_up(sweepers, threads or default_threads())
+            users.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
+        if found.posture is not None:
+            users.append(Mover(found, found.resolve({}), found.working_modes[0]))
+    return warm_up(users, threads or default_threads())
 
 
 def singularities(
@@ -287,6 +293,82 @@ def singularities(
         threads=threads,
         grid=grid,
     )
+
+
+def motion(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> MotionRun:
+    """Compute the motion that a configuration describes, with efforts and power.
+
+    Parameters
+    ----------
+    config : mapping or path
+        As in the TOML file, or the file.
+    out : path, optional
+        The run's folder; nothing is written without it, nor of an infeasible motion.
+    **options
+        ``force``, ``threads`` of :func:`pmopt.reporting.motion_run.run_motion`.
+    """
+    from pmopt.reporting.motion_run import run_motion
+
+    return run_motion(_motion_task(config), None if out is None else Path(out), **options)
+
+
+def simulate(
+    config: Params | str | Path, out: str | Path | None = None, **options: Any
+) -> SimulationRun:
+    """Run the motion that a configuration describes on an independent multibody engine.
+
+    Parameters
+    ----------
+    config : mapping or path
+        As in the TOML file, or the file.
+    out : path, optional
+        The run's folder; nothing is written without it.
+    **options
+        ``force``, ``threads`` of :func:`pmopt.reporting.simulate_run.run_simulation`.
+
+    Raises
+    ------
+    pmopt.errors.PmoptError
+        Where the engine is not installed: it comes with ``pmopt[engines]``.
+    """
+    from pmopt.reporting.simulate_run import run_simulation
+
+    return run_simulation(_motion_task(config), None if out is None else Path(out), **options)
+
+
+def mjcf(
+    mechanism: str,
+    pose: Params | None = None,
+    params: Params | None = None,
+    working_mode: str | None = None,
+    step: float = 0.001,
+) -> str:
+    """Return a mechanism with its own bodies as a MuJoCo model, XML text.
+
+    Parameters
+    ----------
+    mechanism : str
+    pose : mapping, optional
+        Where it stands; default: its home.
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    working_mode : str, optional
+        Default: the mechanism's first.
+    step : float
+        The engine's step in s.
+    """
+    from pmopt.analysis.mjcf import to_mjcf
+    from pmopt.analysis.multibody import declared_tree
+
+    return to_mjcf(declared_tree(find(mechanism), params, pose, working_mode), step)
+
+
+def _motion_task(config: Params | str | Path) -> MotionTask:
+    from pmopt.analysis.motion_config import load_motion, resolve_motion
+
+    if isinstance(config, str | Path):
+        return load_motion(Path(config))
+    return resolve_motion(dict(config), "config", Path())
 
 
 def pareto(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> ParetoRun:

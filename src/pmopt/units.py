@@ -12,6 +12,10 @@ ParameterKind = Literal["length", "angle", "ratio"]
 LengthUnit = Literal["m", "mm"]
 
 ANGLE = "rad"
+#: A length unit in m.
+METRES: dict[LengthUnit, float] = {"m": 1.0, "mm": 1e-3}
+WATT = "W"
+JOULE = "J"
 #: Written where a number has no unit, so that every number has an entry.
 ONE = "1"
 
@@ -35,3 +39,13 @@ def measure_unit(kinds: Iterable[Kind], length_unit: LengthUnit) -> str:
 def pretty(unit: str) -> str:
     """Return the unit as pictures show it: ``m^3`` becomes ``m³``."""
     return unit.translate({ord("^"): None, ord("2"): "²", ord("3"): "³", ord("4"): "⁴"})
+
+
+def per_second(unit: str, order: int = 1) -> str:
+    """Return the unit of a derivative by time, e.g. ``rad/s^2``."""
+    return f"{unit}/s" if order == 1 else f"{unit}/s^{order}"
+
+
+def effort_unit(kind: Kind) -> str:
+    """Return the unit of a force along a length or of a torque about an angle."""
+    return "N" if kind == "length" else "N m"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -12,6 +13,8 @@ from pydantic import BaseModel, ValidationError
 from pmopt.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
+#: Parts of an error's place that name an alternative of a type, no key.
+_ALTERNATIVE = re.compile(r"(function-|tuple\[|dict\[|literal\[|constrained-)|(int|float|str)$")
 
 
 def validated(model: type[Model], data: Any, where: str) -> Model:
@@ -48,7 +51,7 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
 
 def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str:
     first = error.errors()[0]
-    path = [part for part in first["loc"] if not str(part).startswith(("function-", "tuple["))]
+    path = [part for part in first["loc"] if not _ALTERNATIVE.match(str(part))]
     key = ".".join(map(str, path))
     if first["type"] == "extra_forbidden":
         allowed = list(_model_at(model, path[:-1]).model_fields)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.numerics import cells
 from pmopt.numerics.compiled import compile_ahead
 
+if TYPE_CHECKING:  # a workspace does without
+    from pmopt.analysis.dynamics import Mover
 
-def warm_up(sweepers: Iterable[Sweeper], workers: int, shapes: bool = True) -> dict[str, int]:
-    """Compile what is missing of all that some sweepers and the shapes of their workspaces call.
+
+def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True) -> dict[str, int]:
+    """Compile what is missing of all that workspaces, their shapes and motions call.
 
     In processes of their own: this one stays free to be interrupted.
 
     Parameters
     ----------
-    sweepers : iterable of Sweeper
+    users : iterable of Sweeper and Mover
     workers : int
         Processes at most.
     shapes : bool
@@ -30,17 +34,18 @@ def warm_up(sweepers: Iterable[Sweeper], workers: int, shapes: bool = True) -> d
     shared = cells.kernels()
     wanted = [(shared, entry.name) for entry in shared.entries] if shapes else []
     missing: dict[str, int] = {}
-    for sweeper in sweepers:
+    for user in users:
+        called = user.kernels
+        if isinstance(user, Sweeper) and not shapes:
+            called = user.sampling_kernels
         new = [
             (compiled, entry)
-            for compiled, entries in (
-                sweeper.kernels if shapes else sweeper.sampling_kernels
-            ).items()
+            for compiled, entries in called.items()
             for entry in entries
             if (compiled, entry) not in wanted
         ]
         wanted += new
-        missing.setdefault(sweeper.mechanism.name, 0)
-        missing[sweeper.mechanism.name] += sum(not c.is_compiled(name) for c, name in new)
+        missing.setdefault(user.mechanism.name, 0)
+        missing[user.mechanism.name] += sum(not c.is_compiled(name) for c, name in new)
     compile_ahead(wanted, workers)
     return missing

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from pmopt.analysis.rows import parse_number
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find, names
 
@@ -174,22 +175,6 @@ def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     return pairs
 
 
-def parse_number(option: str, name: str, text: str) -> float:
-    """Return a finite number.
-
-    Raises
-    ------
-    InputError
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{option}: {name}={text} is not allowed: a finite number is needed")
-    return value
-
-
 def parse_coordinates(texts: Sequence[str], option: str) -> dict[str, float]:
     """Return the numbers of ``--pose`` or ``--joints``."""
     return {k: parse_number(option, k, v) for k, v in split_pairs(texts, option).items()}
@@ -251,39 +236,3 @@ def parse_ranges(texts: Sequence[str], option: str) -> dict[str, tuple[float, fl
 def parse_edges(text: str, option: str = "--regions") -> tuple[float, ...]:
     """Return comma-separated numbers, the edges of ``--regions`` for one."""
     return tuple(parse_number(option, "number", part) for part in text.split(","))
-
-
-def read_rows(
-    path: Path, option: str, columns: Sequence[str]
-) -> list[tuple[int, dict[str, float]]]:
-    """Return the line numbers and rows of a CSV file of poses or joint positions.
-
-    Raises
-    ------
-    InputError
-        Naming the file, and the line of a cell that is no finite number.
-    """
-    import csv
-
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.reader(stream)
-            lines = [(reader.line_num, cells) for cells in reader if cells]
-    except OSError as error:
-        raise InputError(f"{option}: {path}: can not read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{option}: {path}: is no CSV file: {error}") from None
-    if len(lines) < 2:
-        raise InputError(f"{option}: {path}: has no rows; columns needed: {', '.join(columns)}")
-    head = [name.strip() for name in lines[0][1]]
-    for name in head:
-        if head.count(name) > 1:
-            raise InputError(f"{option}: {path}: column {name} is given twice")
-    rows = []
-    for number, cells in lines[1:]:
-        where = f"{option}: {path}, line {number}"
-        if len(cells) != len(head):
-            raise InputError(f"{where}: {len(cells)} cells, the header has {len(head)}")
-        values = {k: parse_number(where, k, v) for k, v in zip(head, cells, strict=True)}
-        rows.append((number, values))
-    return rows

@@ -10,6 +10,7 @@ import click
 
 from pmopt.analysis import kinematics
 from pmopt.analysis.kinematics import ForwardResult, InverseResult
+from pmopt.analysis.rows import read_rows
 from pmopt.cli import options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError, UnreachableError
@@ -79,7 +80,7 @@ def ik_command(
         emit(form, result.to_dict(), [tables.inverse_table([result])])
         return
     names = [c.name for c in mechanism.pose]
-    rows = options.read_rows(poses, "--poses", names)
+    rows = read_rows(poses, "--poses", names)
 
     def empty(values: dict[str, Any]) -> InverseResult:
         checked = mechanism.check_coordinates(values, mechanism.pose, "--poses")
@@ -128,7 +129,7 @@ def fk_command(
         emit(form, result.to_dict(), [tables.forward_table([result])])
         return
     names = [c.name for c in mechanism.joints]
-    rows = options.read_rows(joints_file, "--joints-file", names)
+    rows = read_rows(joints_file, "--joints-file", names)
 
     def empty(values: dict[str, Any]) -> ForwardResult:
         checked = mechanism.check_coordinates(values, mechanism.joints, "--joints-file")

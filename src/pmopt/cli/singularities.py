@@ -101,9 +101,10 @@ def _follow(
     path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None, form: str
 ) -> None:
     from pmopt.analysis.crossings import follow_path
+    from pmopt.analysis.rows import read_rows
     from pmopt.reporting.singularity_run import path_tables
 
-    rows = options.read_rows(path, "--path", [c.name for c in mechanism.pose])
+    rows = read_rows(path, "--path", [c.name for c in mechanism.pose])
     timed = all("t" in values for _, values in rows)
     result = follow_path(
         mechanism,

@@ -6,13 +6,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InputError, unknown_name
 from pmopt.units import Kind, LengthUnit, ParameterKind, measure_unit, unit_of
+
+if TYPE_CHECKING:
+    from pmopt.mechanisms.bodies import Body
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -266,6 +269,19 @@ class Mechanism(ABC):
     line: ClassVar[Callable[..., tuple[float, ...]] | None] = None
     line_axis: ClassVar[int] = 0
     line_parts: ClassVar[int] = 0
+    #: What motions and forces need, where a mechanism offers it:
+    #: ``posture(*pose, constants) -> flat tuple``: place of the platform as in the skeleton, the
+    #: actuated joints' positions, those of :attr:`followed`, then of every joint of
+    #: :meth:`layout`, in order, its point, its axes and, for Pa, its bar. A kernel function.
+    posture: ClassVar[Callable[..., tuple[float, ...]] | None] = None
+    #: What the pose coordinates and the parasitic ones are: ``x``, ``y``, ``z`` of the platform's
+    #: centre, ``yaw``, ``pitch``, ``roll`` of Rz Ry Rx, or the name of an actuated joint.
+    roles: ClassVar[tuple[str, ...]] = ()
+    parasitic_roles: ClassVar[tuple[str, ...]] = ()
+    #: Passive joints that motions tell: each the sum of freedoms (limb, number in it, weight).
+    followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {}
+    #: Direction of gravity unless another is given.
+    down: ClassVar[tuple[float, float, float]] = (0.0, 0.0, -1.0)
     #: Names of the passive U and S joints whose cone angle the skeleton tells.
     cones: ClassVar[tuple[str, ...]] = ()
 
@@ -305,6 +321,10 @@ class Mechanism(ABC):
     def alternative_layout(self, parameters: Parameters, name: str) -> tuple[Chain, ...]:
         """Return one of :attr:`layouts` at its home pose; for mobility only."""
         raise unknown_name("layout", name, self.layouts)
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return the rigid bodies of limbs and platform; see :mod:`pmopt.mechanisms.bodies`."""
+        return ()
 
     def default_limits(self, parameters: Parameters) -> Ranges:
         """Return the limits of actuated and passive joints that hold unless others are given."""

@@ -48,6 +48,8 @@ from pmopt.mechanisms.base import (
     Reach,
     Vector,
 )
+from pmopt.mechanisms.bodies import Body, disc, plate, tube
+from pmopt.numerics.limbs import crossed
 from pmopt.numerics.newton import real_roots
 from pmopt.numerics.rotation import main_range, rotation_matrices
 from pmopt.numerics.trigonometry import sin_cos
@@ -429,6 +431,56 @@ def cur_skeleton(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+def cur_limb(ax, ay, h, bx, by, bz, ex, ey, ez, c, s):  # type: ignore[no-untyped-def]
+    """Return theta2 .. theta5 of a limb and point and axes of C, U and R.
+
+    (ax, ay) is the column at azimuth (c, s), b and e the R joint, h the height of the U joint.
+    """
+    wx, wy, wz = bx - ax, by - ay, bz - h
+    x4, y4, z4 = crossed(ex, ey, ez, wx, wy, wz)
+    fx, fy, _ = crossed(0.0, 0.0, 1.0, x4, y4, z4)
+    side = 1.0 if fx * ex + fy * ey > 0.0 else -1.0
+    fx = side * fx
+    fy = side * fy
+    # The link's direction across both axes, and the U joint's axis across the first and z.
+    kx, ky, kz = -z4 * fy, z4 * fx, x4 * fy - y4 * fx
+    qx, qy, qz = fy * ez, -fx * ez, fx * ey - fy * ex
+    theta2 = math.atan2(-(fx * c + fy * s), fy * c - fx * s)
+    theta3 = math.atan2(kz, kx * fy - ky * fx)
+    theta4 = math.atan2(x4 * qx + y4 * qy + z4 * qz, fx * ex + fy * ey)
+    return (theta2, theta3, theta4), (
+        ax, ay, 0.0, 0.0, 0.0, 1.0,
+        ax, ay, h, fx, fy, 0.0, x4, y4, z4,
+        bx, by, bz, ex, ey, ez,
+    )  # fmt: skip
+
+
+def cur_posture(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return platform, heights, passive angles and joints."""
+    d1 = constants[3]
+    s = cur_skeleton(z, beta, gamma, constants)
+    x1, x2 = s[4], CUR_C2 * s[4] - CUR_S2 * s[3]
+    y1, y2 = s[7], CUR_C2 * s[7] - CUR_S2 * s[6]
+    z1, z2 = s[10], CUR_C2 * s[10] - CUR_S2 * s[9]
+    x3, y3, z3 = (
+        CUR_C2 * s[4] + CUR_S2 * s[3],
+        CUR_C2 * s[7] + CUR_S2 * s[6],
+        (CUR_C2 * s[10] + CUR_S2 * s[9]),
+    )
+    q1, k1 = cur_limb(s[12], s[13], s[14], s[15], s[16], s[17], x1, y1, z1, 1.0, 0.0)
+    q2, k2 = cur_limb(s[18], s[19], s[20], s[21], s[22], s[23], x2, y2, z2, CUR_C2, CUR_S2)
+    q3, k3 = cur_limb(s[24], s[25], s[26], s[27], s[28], s[29], x3, y3, z3, CUR_C2, -CUR_S2)
+    state = cur_solve(
+        beta, gamma, constants[0] / constants[2], constants[1] / constants[2],
+        constants[4], constants[5], constants[6],
+    )  # fmt: skip
+    return (
+        *s[:12], s[14] - d1, s[20] - d1, s[26] - d1,
+        *q1, math.atan2(state[5], state[4]), *q2, math.atan2(state[7], state[6]),
+        *q3, math.atan2(state[9], state[8]), *k1, *k2, *k3,
+    )  # fmt: skip
+
+
 class _Link(NamedTuple):
     """A limb at a pose: Rot b, e and w, and the height of w, negative on the other branch."""
 
@@ -495,6 +547,14 @@ class Cur(Mechanism):
     line_axis = 0
     line_parts = 1
     skeleton = staticmethod(cur_skeleton)
+    posture = staticmethod(cur_posture)
+    roles = ("z", "pitch", "roll")
+    parasitic_roles = ("x", "y", "yaw")
+    followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
+        f"theta{2 + j}_{k + 1}": ((k, freedom, sign),)
+        for k in range(3)
+        for j, (freedom, sign) in enumerate(((0, 1.0), (2, -1.0), (3, 1.0), (4, 1.0)))
+    }
     segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2)
     cones = ("U1", "U2", "U3")
@@ -508,6 +568,17 @@ class Cur(Mechanism):
         ra, rb, length, d1 = _sizes(parameters)
         rise = math.sqrt(max(length**2 - (ra - rb) ** 2, 0.0))
         return {"z": 0.15 + d1 + rise, "beta": 0.0, "gamma": 0.0}
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return blocks as sliders, rods and a disc, of steel."""
+        _, rb, length, _ = _sizes(parameters)
+        return (
+            *(plate((0.06, 0.06, 0.04), 1.0).body(f"{limb.name} slider", i, 0)
+              for i, limb in enumerate(self.limbs)),
+            *(tube(0.016, length, 1.0).body(f"{limb.name} link", i, 1)
+              for i, limb in enumerate(self.limbs)),
+            disc(2 * rb, 0.008, 1.0).body("platform"),
+        )  # fmt: skip
 
     def default_limits(self, parameters: Parameters) -> Ranges:
         """Return stroke 0 .. 0.30 m (ours), theta4, theta5 and the elevation of the links."""

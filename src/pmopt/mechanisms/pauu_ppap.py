@@ -40,6 +40,8 @@ from pmopt.mechanisms.base import (
     Vector,
     wrap_angle,
 )
+from pmopt.mechanisms.bodies import Body, plate, tube
+from pmopt.numerics.limbs import crossed
 
 #: Sign s of the root in theta = atan2(B, A) + s acos(-C / sqrt(A^2 + B^2)), limbs 1 and 2.
 MODE_SIGNS = {"out-out": (-1, -1), "in-in": (1, 1), "out-in": (-1, 1), "in-out": (1, -1)}
@@ -78,7 +80,7 @@ def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
     """
     (
         span, height, l1, excess, s1, s2, weight, top,
-        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high, _, _, _, _, _,
+        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high, _, _, _, _, _, _,
     ) = constants  # fmt: skip
     a1 = span - x
     a2 = span + x
@@ -118,7 +120,7 @@ def line(x, y, z, low, high, constants):  # type: ignore[no-untyped-def]
     angles are left to the margin.
     """
     (
-        span, height, l1, excess, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+        span, height, l1, excess, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
     ) = constants  # fmt: skip
     b = z - height
     a1 = span - x
@@ -147,7 +149,7 @@ def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
     """
     (
         span, height, l1, excess, s1, s2, _, _, _, _, _, _, _, _, _, _,
-        radius, ref1_x, ref1_z, ref2_x, ref2_z,
+        radius, ref1_x, ref1_z, ref2_x, ref2_z, _,
     ) = constants  # fmt: skip
     m = span + radius
     b = z - height
@@ -170,6 +172,32 @@ def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
         x, y, z, d1_x, y, z,
         x, y, z, d2_x, y, z,
         cone1, cone1, cone2, cone2,
+    )  # fmt: skip
+
+
+def posture(x, y, z, constants):  # type: ignore[no-untyped-def]
+    """Return platform, joints' positions and joints; see :meth:`PauuPpap.layout`."""
+    s = skeleton(x, y, z, constants)
+    height, long = constants[1], constants[21]
+    m1x, c1x, c1z, d1x = s[12], s[15], s[17], s[21]
+    m2x, c2x, c2z, d2x = s[24], s[27], s[29], s[33]
+    a1x, a1y, a1z = crossed(0.0, 1.0, 0.0, d1x - c1x, y, z - c1z)
+    a2x, a2y, a2z = crossed(0.0, 1.0, 0.0, d2x - c2x, y, z - c2z)
+    rise = z - height
+    flat = long * long - rise * rise
+    out = math.sqrt(flat if flat > 0.0 else 0.0)
+    return (
+        *s[:12],
+        math.atan2(height - c1z, c1x - m1x), math.atan2(height - c2z, m2x - c2x), y,
+        m1x, 0.0, height, 0.0, 1.0, 0.0, c1x - m1x, 0.0, c1z - height,
+        c1x, 0.0, c1z, 0.0, 1.0, 0.0, a1x, a1y, a1z,
+        d1x, y, z, a1x, a1y, a1z, 0.0, 1.0, 0.0,
+        m2x, 0.0, height, 0.0, -1.0, 0.0, c2x - m2x, 0.0, c2z - height,
+        c2x, 0.0, c2z, 0.0, 1.0, 0.0, a2x, a2y, a2z,
+        d2x, y, z, a2x, a2y, a2z, 0.0, 1.0, 0.0,
+        0.0, y, height, 0.0, 1.0, 0.0,
+        0.0, y, height, 0.0, -1.0, 0.0, out, 0.0, rise,
+        x, y, z, 1.0, 0.0, 0.0,
     )  # fmt: skip
 
 
@@ -223,11 +251,13 @@ class PauuPpap(Mechanism):
     }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
-    constant_count = 21
+    constant_count = 22
     line = staticmethod(line)
     line_axis = 1
     line_parts = 2
     skeleton = staticmethod(skeleton)
+    posture = staticmethod(posture)
+    roles = ("x", "y", "z")
     segments = (0, 0, 1, 1, PLATFORM, PLATFORM)
     spokes = (0, 1)
     #: Neither the cranks' bars nor the platform turn: both U joints of a link swing alike.
@@ -281,6 +311,25 @@ class PauuPpap(Mechanism):
         if room <= low:
             low, room = -high, min(-low, room)
         return {"x": 0.0, "y": 0.0, "z": 2 * c + (low + room) / 2}
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return steel tubes as bars and links, blocks that join them, and a flat platform."""
+        _, n, l1, l2, _ = _lengths(parameters)
+        joint = plate((0.05, 0.05, 0.05), 1.0)
+        result = []
+        for i, limb in enumerate(self.limbs[:2]):
+            result += [
+                tube(0.025, l1, 1.0, bore=0.021).times(2).body(f"{limb.name} bars", i, 0, "bars"),
+                joint.body(f"{limb.name} knee", i, 0),
+                tube(0.025, l2, 1.0, bore=0.021).body(f"{limb.name} link", i, 1),
+            ]
+        return (
+            *result,
+            plate((0.1, 0.1, 0.05), 1.0).body("limb 3 carriage", 2, 0),
+            tube(0.025, l1 + l2, 1.0, bore=0.021).times(2).body("limb 3 bars", 2, 1, "bars"),
+            joint.body("limb 3 knee", 2, 1),
+            plate((2 * n, 0.06, 0.01), 1.0).body("platform"),
+        )
 
     def platform(
         self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
@@ -469,7 +518,7 @@ class PauuPpap(Mechanism):
         return [
             m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,
             math.inf if top is None else top, *arcs, *limits.get("d", (-math.inf, math.inf)),
-            n, *self._references(parameters, s1, s2),
+            n, *self._references(parameters, s1, s2), l1 + l2,
         ]  # fmt: skip
 
     def idle_slacks(self, limits: Ranges) -> frozenset[int]:

@@ -12,7 +12,7 @@ from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.mechanisms.base import Mechanism
 
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
-_NOT_MECHANISMS = {"base", "registry"}
+_NOT_MECHANISMS = {"base", "bodies", "registry"}
 
 
 def _key(name: str) -> str:

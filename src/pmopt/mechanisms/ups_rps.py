@@ -37,6 +37,8 @@ from pmopt.mechanisms.base import (
     Reach,
     Vector,
 )
+from pmopt.mechanisms.bodies import Body, disc, tube
+from pmopt.numerics.limbs import unit_vector, ups_joints
 from pmopt.numerics.newton import real_roots
 from pmopt.numerics.rotation import main_range, rotation_matrices
 from pmopt.numerics.strokes import part_within_stroke
@@ -46,6 +48,7 @@ TINY = 1e-300
 
 _PAPER = "paper, section 3.1"
 _STROKE = (700.0, 1300.0)
+_MM = 1e-3
 
 
 def rps_limb(r, px, py, pz, sy, sz, ty, tz):  # type: ignore[no-untyped-def]
@@ -202,6 +205,20 @@ def rps_skeleton(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untype
     )  # fmt: skip
 
 
+def rps_posture(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return platform, lengths and joints; the first axis of each U is tangential in the base."""
+    r1, q = constants[0], constants[1]
+    s = rps_skeleton(x, y, alpha, beta, gamma, constants)
+    h = 0.7071067811865476
+    nx, ny, nz, l1 = unit_vector(s[15], s[16] - r1, s[17])
+    l2, k2 = ups_joints(0.0, q, q, s[21], s[22], s[23], 0.0, -h, h)
+    l3, k3 = ups_joints(0.0, -q, q, s[27], s[28], s[29], 0.0, -h, -h)
+    l4, k4 = ups_joints(0.0, -q, -q, s[33], s[34], s[35], 0.0, h, -h)
+    l5, k5 = ups_joints(0.0, q, -q, s[39], s[40], s[41], 0.0, h, h)
+    k1 = (0.0, r1, 0.0, 0.0, 0.0, 1.0, 0.0, r1, 0.0, nx, ny, nz, s[15], s[16], s[17])
+    return (*s[:12], l1, l2, l3, l4, l5, *k1, *k2, *k3, *k4, *k5)
+
+
 class UpsRps(Mechanism):
     """The 4-UPS-RPS mechanism."""
 
@@ -249,6 +266,10 @@ class UpsRps(Mechanism):
     skeleton = staticmethod(rps_skeleton)
     segments = (0, 1, 2, 3, 4, *[PLATFORM] * 5)
     spokes = (0, 1, 2, 3, 4)
+    posture = staticmethod(rps_posture)
+    roles = ("x", "y", "yaw", "pitch", "roll")
+    parasitic_roles = ("z",)
+    down = (1.0, 0.0, 0.0)
     cones = ("U2", "U3", "U4", "U5", "S1", "S2", "S3", "S4", "S5")
 
     def characteristic_length(self, parameters: Parameters) -> float:
@@ -258,6 +279,17 @@ class UpsRps(Mechanism):
     def home(self, parameters: Parameters) -> dict[str, float]:
         """Return the level platform 900 mm below the base, turned a quarter."""
         return {"x": 900.0, "y": 0.0, "alpha": 0.0, "beta": 0.0, "gamma": math.pi / 2}
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return steel cylinders and rods for strokes from 700 to 1300 mm, and a disc."""
+        cylinder = tube(60.0, 650.0, _MM, bore=50.0)
+        rod = tube(40.0, 650.0, _MM, bore=30.0).at((0.0, 0.0, -650.0))
+        platform = disc(2 * _radii(parameters)[2], 20.0, _MM, normal=0)
+        return (
+            *(cylinder.body(f"{limb.name} cylinder", i, 0) for i, limb in enumerate(self.limbs)),
+            *(rod.body(f"{limb.name} rod", i, 1) for i, limb in enumerate(self.limbs)),
+            platform.body("platform"),
+        )
 
     def default_limits(self, parameters: Parameters) -> Ranges:
         """Return the strokes, 700 to 1300 mm each (ours: the paper gives none)."""

@@ -39,6 +39,8 @@ from pmopt.mechanisms.base import (
     Reach,
     Vector,
 )
+from pmopt.mechanisms.bodies import Body, plate, tube
+from pmopt.numerics.limbs import ups_joints
 from pmopt.numerics.newton import real_roots
 from pmopt.numerics.rotation import main_range, rotation_matrices
 from pmopt.numerics.strokes import part_within_stroke
@@ -48,6 +50,7 @@ TINY = 1e-300
 
 _PAPER = "paper, section 4"
 _STROKE = (45.0, 90.0)
+_MM = 1e-3
 
 
 def sp_limb(r, half_x, half_y, base, l4, ex, ey):  # type: ignore[no-untyped-def]
@@ -192,6 +195,18 @@ def sp_skeleton(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+def sp_posture(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
+    """Return platform, lengths and joints; the first axis of each U is tangential in the base."""
+    base = constants[0]
+    s = sp_skeleton(phi, theta, psi, l4, constants)
+    q = 0.7071067811865476
+    l1, k1 = ups_joints(base, -base, 0.0, s[15], s[16], s[17], q, q, 0.0)
+    l2, k2 = ups_joints(base, base, 0.0, s[21], s[22], s[23], -q, q, 0.0)
+    l3, k3 = ups_joints(-base, base, 0.0, s[27], s[28], s[29], -q, -q, 0.0)
+    post = (-base, -base, 0.0, -base, -base, 0.0, s[5], s[8], s[11])
+    return (*s[:12], l1, l2, l3, l4, *k1, *k2, *k3, *post)
+
+
 class UpsSp(Mechanism):
     """The 3-UPS/SP mechanism."""
 
@@ -243,6 +258,8 @@ class UpsSp(Mechanism):
     skeleton = staticmethod(sp_skeleton)
     segments = (0, 1, 2, 3, PLATFORM, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2, 3)
+    posture = staticmethod(sp_posture)
+    roles = ("yaw", "pitch", "roll", "l4")
     cones = ("U1", "U2", "U3", "S1", "S2", "S3", "S4")
 
     def characteristic_length(self, parameters: Parameters) -> float:
@@ -252,6 +269,20 @@ class UpsSp(Mechanism):
     def home(self, parameters: Parameters) -> dict[str, float]:
         """Return a tilted pose in the middle of the strokes: the level ones are singular."""
         return {"phi": 0.0, "theta": 0.2, "psi": -0.1, "l4": 60.0}
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return steel cylinders and rods that the paper's strokes leave room for, and a plate."""
+        _, platform = _corners(parameters)
+        cylinder = tube(6.0, 40.0, _MM, bore=4.0)
+        rod = tube(3.0, 45.0, _MM).at((0.0, 0.0, -45.0))
+        side = float(parameters["a"] or 0.0)
+        x, y, _ = platform[3]
+        return (
+            *(cylinder.body(f"{limb.name} cylinder", i, 0) for i, limb in enumerate(self.limbs)),
+            *(rod.body(f"{limb.name} rod", i, 1) for i, limb in enumerate(self.limbs[:3])),
+            rod.at((x, y, 0.0)).body("limb 4 rod"),
+            plate((side, side, 2.0), _MM).body("platform"),
+        )
 
     def default_limits(self, parameters: Parameters) -> Ranges:
         """Return the paper's strokes."""

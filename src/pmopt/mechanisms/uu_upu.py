@@ -60,6 +60,7 @@ from pmopt.mechanisms.base import (
     Vector,
     wrap_angle,
 )
+from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.numerics.trigonometry import sin_cos
 
 TINY = 1e-300
@@ -457,6 +458,35 @@ def skeleton(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+def posture(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
+    """Return platform, joints' positions and joints; see :meth:`UuUpu.layout`."""
+    a, c, l2, _, r, big_r, s, up, far_cos = constants[:9]
+    _, _, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
+        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
+    )
+    at = skeleton(x, beta, gamma, constants)
+    _, f, _, h, _ = uup_bar(sk, ck, a, c, l2, s)
+    y = f * c * sk
+    wx, wy, wz = at[15] - r, at[16], at[17]
+    theta1 = math.atan2(wx, wz)
+    flat = math.sqrt(wx * wx + wz * wz)
+    l1 = math.sqrt(flat * flat + wy * wy)
+    delta2 = math.atan2(y - a + c * ck, h + c * sk)
+    delta3 = math.atan2(y + a - c * ck, h - c * sk)
+    return (
+        *at[:12],
+        theta1, math.atan2(sphi, cphi), delta3,
+        l1, math.atan2(wy, flat), delta2, math.atan2(sk, ck), math.atan2(spsi, cpsi),
+        r, 0.0, 0.0, 0.0, 1.0, 0.0, -wz / flat, 0.0, wx / flat,
+        r, 0.0, 0.0, wx / l1, wy / l1, wz / l1,
+        at[15], at[16], at[17],
+        at[18], at[19], at[20], 0.0, 1.0, 0.0, -cphi, 0.0, sphi,
+        at[21], at[22], at[23], cphi, 0.0, -sphi, at[4], at[7], at[10],
+        at[24], at[25], at[26], 0.0, 1.0, 0.0, -cphi, 0.0, sphi,
+        at[27], at[28], at[29], cphi, 0.0, -sphi, at[4], at[7], at[10],
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Configuration:
     """The mechanism at internal coordinates q = (phi, kappa, psi), for kinematics and dynamics.
@@ -671,6 +701,16 @@ class UuUpu(Mechanism):
     constant_count = 42
     curve = Curve(0, uup_of_v)
     skeleton = staticmethod(skeleton)
+    posture = staticmethod(posture)
+    roles = ("x", "pitch", "roll")
+    parasitic_roles = ("y", "z", "yaw")
+    followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
+        "l1": ((0, 2, 1.0),),
+        "eta1": ((0, 1, 1.0),),
+        "delta2": ((1, 1, 1.0),),
+        "kappa": ((1, 2, 1.0), (1, 1, -1.0)),
+        "psi": ((1, 3, 1.0),),
+    }
     segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2)
     cones = ("S1", "U2", "U3")
@@ -694,6 +734,20 @@ class UuUpu(Mechanism):
     def default_domain(self, parameters: Parameters) -> Ranges:
         """Return tilts up to 60 degrees (ours)."""
         return {"beta": (-math.pi / 3, math.pi / 3), "gamma": (-math.pi / 3, math.pi / 3)}
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return a cylinder and a rod keyed to it, two links and a triangular plate, of steel."""
+        length = _lengths(parameters)[2]
+        tube_length = 0.64 * length
+        link = tube(0.02, length, 1.0)
+        rod = tube(0.015, tube_length, 1.0).at((0.0, 0.0, -tube_length))
+        return (
+            tube(0.025, tube_length, 1.0).body("limb 1 cylinder", 0, 0),
+            rod.body("limb 1 rod", 0, 1),
+            link.body("limb 2 link", 1, 0),
+            link.body("limb 3 link", 2, 0),
+            triangle(float(parameters["ps"] or 0.0), 0.01, 1.0).body("platform"),
+        )
 
     def default_limits(self, parameters: Parameters) -> Ranges:
         """Return l1 between 0.64 L and 1.12 L: the paper's stroke of 120 mm at L = 250 mm."""

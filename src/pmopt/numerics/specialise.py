@@ -28,22 +28,24 @@ BLOCK_CONDITIONING = {"2": condition.inverse_conditions_2, "fro": condition.inve
 CHECK_CONSTANTS = 12
 #: What precedes the segments in a skeleton: position and rotation of the platform.
 PLACE = 12
+#: Begins every module.
+PREFACE = "import math\n\nimport numpy as np\nfrom numba import njit\n\n\n"
 
 # Contraction only: it fuses multiply and add, and assumes nothing about NaN or infinity.
 # Functions are inlined by LLVM: by numba it takes twice as long and more, and gains nothing.
 _OPTIONS = (
     'fastmath={"contract"}, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True'
 )
-_INLINE = f"@njit(forceinline=True, {_OPTIONS})"
+INLINE = f"@njit(forceinline=True, {_OPTIONS})"
 #: Length of kernel and skeleton, in characters, beyond which a kernel of order 3 is heavy.
 _SMALL = 5000
 #: Numbers in the longest vector.
 _LANES = 8
-_PLAIN = f"@njit({_OPTIONS})"
+PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (
     "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
     "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
-    "PLACE", "ENDS",
+    "PLACE", "ENDS", "posture_to",
 )  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
@@ -138,8 +140,11 @@ class Recipe(NamedTuple):
 _loaded: dict[Recipe, Compiled] = {}
 
 
-def _collect(
-    function: Callable[..., Any], blocks: dict[str, str], switched: Container[str] = ()
+def collect(
+    function: Callable[..., Any],
+    blocks: dict[str, str],
+    switched: Container[str] = (),
+    decorator: str = INLINE,
 ) -> None:
     """Add the source of ``function`` and of all it refers to, dependencies first."""
     for name in sorted(function.__code__.co_names):
@@ -147,7 +152,7 @@ def _collect(
             continue
         value = function.__globals__[name]
         if inspect.isfunction(value):
-            _collect(value, blocks, switched)
+            collect(value, blocks, switched, decorator)
         elif isinstance(value, bool | int | float):
             text = f"{name} = {value!r}"
             if blocks.setdefault(name, text) != text:
@@ -156,7 +161,7 @@ def _collect(
             raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
     source = _source(function)
     # Entries are compiled into the one function that calls them, where rows lie at known places.
-    text = f"{_INLINE}\n{source}"
+    text = f"{decorator}\n{source}"
     if blocks.setdefault(function.__name__, text) != text:
         raise TypeError(f"two kernel functions are named {function.__name__}")
 
@@ -188,15 +193,15 @@ def module_text(recipe: Recipe) -> str:
     blocks["ENDS"] = f"ENDS = {2 * len(recipe.segments)}"
     blocks |= {name: f"{name} = {value}" for name, value in recipe.switches}
     blocks["FACTS"] = f"FACTS = {recipe.facts}"
-    _collect(kernel, blocks, dict(recipe.switches))
-    _collect(recipe.skeleton, blocks)
+    collect(kernel, blocks, dict(recipe.switches))
+    collect(recipe.skeleton, blocks)
     if recipe.line is not None:
-        _collect(recipe.line, blocks)
+        collect(recipe.line, blocks)
     own_length = sum(map(len, blocks.values()))
-    _collect(conditioning, blocks)
+    collect(conditioning, blocks)
     if order == 3:
-        _collect(CAREFUL[recipe.norm], blocks)
-    _collect(clearance.segment_distance2, blocks)
+        collect(CAREFUL[recipe.norm], blocks)
+    collect(clearance.segment_distance2, blocks)
     pose = ", ".join(f"pose[{d}, i]" for d in range(recipe.pose_size))
     entries = [f"result[{1 + e}]" for e in range(order**2)]
     constants = ", ".join(f"constants[{c}]" for c in range(count))
@@ -206,7 +211,7 @@ def module_text(recipe: Recipe) -> str:
     heavy = order == 3 and own_length > _SMALL
     blocks["HEAVY"] = f"HEAVY = {int(heavy)}"
 
-    def define(name: str, arguments: str, body: str, decorator: str = _INLINE) -> None:
+    def define(name: str, arguments: str, body: str, decorator: str = INLINE) -> None:
         blocks[name] = f"{decorator}\ndef {name}({arguments}):\n{body}"
 
     point, block = "pose, i, constants", "pose, count, constants"
@@ -229,9 +234,9 @@ def module_text(recipe: Recipe) -> str:
         )
         careful = f"{CAREFUL[recipe.norm].__name__}({', '.join(stored if heavy else entries)})"
         if heavy:
-            define("careful_index", "work, i", f"    return {careful}\n", _PLAIN)
+            define("careful_index", "work, i", f"    return {careful}\n", PLAIN)
         else:
-            define("careful_index", point, f"{evaluated}    return {careful}\n", _PLAIN)
+            define("careful_index", point, f"{evaluated}    return {careful}\n", PLAIN)
     if heavy:
         # The kernel is worth being evaluated, and compiled, once: entries are kept for all points.
         each_point = textwrap.indent(f"{evaluated}{margin}    margins[i] = margin\n{kept}", "    ")
@@ -264,11 +269,11 @@ def module_text(recipe: Recipe) -> str:
     define("skeleton_of", point, f"    return {skeleton}\n")
     facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
     define("facts_of", point, evaluated + margin + facts)
-    blocks["unpack"] = f"{_INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
+    blocks["unpack"] = f"{INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
     for entry in ENTRIES:
-        _collect(getattr(sweep, entry), blocks)
+        collect(getattr(sweep, entry), blocks)
     text = "\n\n".join(blocks.values())
-    return f"import math\n\nimport numpy as np\nfrom numba import njit\n\n\n{text}"
+    return PREFACE + text
 
 
 def _place(recipe: Recipe, arguments: str) -> str:

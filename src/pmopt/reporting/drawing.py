@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.mechanisms.base import PLATFORM, Mechanism, Parameters
+from pmopt.mechanisms.base import PLATFORM, Chain, Mechanism, Parameters
 from pmopt.reporting.canvas import FAINT, INK, fit_axes, label, new_figure, parameter_text, to_png
 
 #: Marker of each kind of joint.
@@ -26,6 +26,9 @@ _VIEW = (16.0, -62.0)
 _TELESCOPE = 0.42
 #: Half the width of a marker, in pixels.
 _MARK = 9.0
+_FRAME_DPI = 100
+#: Points between tick labels and names of axes; more in frames, whose pixels are fewer.
+_PAD, _FRAME_PAD = 4.0, 9.0
 
 
 class _Label(NamedTuple):
@@ -59,70 +62,167 @@ def draw_mechanism(
     bytes
         PNG.
     """
-    mode = mechanism.check_mode(working_mode)
+    scene = _scene(mechanism, parameters, pose, mechanism.check_mode(working_mode))
+    places = scene.places(mechanism)
+    with new_figure(7.0, 6.0) as figure:
+        axes = _new_axes(figure)
+        labels = _draw_scene(axes, mechanism, scene)
+        _set_box(figure, axes, mechanism, places.min(axis=0), places.max(axis=0))
+        _write_labels(figure, axes, labels)
+        _write_legend(figure, mechanism, scene.chains)
+        _write_head(figure, mechanism, parameters)
+        units = {c.name: mechanism.unit(c) for c in mechanism.pose}
+        figure.text(0.02, 0.93, f"at {parameter_text(pose, units)}, working mode {scene.mode}",
+                    va="top", fontsize=8.5, color="#555555")  # fmt: skip
+        return to_png(figure)
+
+
+class _Scene(NamedTuple):
+    """What is drawn at one pose: skeleton (flat), its segments and the joints of every limb."""
+
+    mode: str
+    flat: NDArray[np.float64]
+    segments: NDArray[np.float64]
+    chains: tuple[Chain, ...]
+
+    def places(self, mechanism: Mechanism) -> NDArray[np.float64]:
+        """Return all points that are drawn (n, 3), in the order of the picture's axes."""
+        points = [j.point for chain in self.chains for j in chain.joints]
+        return np.concatenate([self.segments.reshape(-1, 3), points])[:, _order(mechanism)]
+
+
+def _scene(
+    mechanism: Mechanism, parameters: Parameters, pose: Mapping[str, float], mode: str
+) -> _Scene:
     constants = mechanism.kernel_constants(parameters, mode, 1.0, {})
     with np.errstate(over="ignore", invalid="ignore"):  # as in compiled code
         flat = np.array(mechanism.skeleton(*pose.values(), tuple(constants)))
     first = 12
     segments = flat[first : first + 6 * len(mechanism.segments)].reshape(-1, 2, 3)
-    chains = mechanism.layout(parameters, pose, mode)
-    order = [k for k in range(3) if k != mechanism.vertical] + [mechanism.vertical]
+    return _Scene(mode, flat, segments, mechanism.layout(parameters, pose, mode))
+
+
+def _order(mechanism: Mechanism) -> list[int]:
+    """Return the coordinates of the base frame as the picture has them, the vertical one last."""
+    return [k for k in range(3) if k != mechanism.vertical] + [mechanism.vertical]
+
+
+def _new_axes(figure: Any) -> Any:
+    axes = figure.add_axes((0.1, 0.1, 0.8, 0.8), projection="3d")
+    axes.view_init(*_VIEW)
+    axes.set_proj_type("ortho")
+    return axes
+
+
+def _draw_scene(axes: Any, mechanism: Mechanism, scene: _Scene) -> list[_Label]:
+    """Draw links, joints and platform; return the names of the joints."""
+    order, flat, segments = _order(mechanism), scene.flat, scene.segments
     corners = [
         end[1] for limb, end in zip(mechanism.segments, segments, strict=True) if limb == PLATFORM
     ]
-    places = np.concatenate(
-        [segments.reshape(-1, 3), [j.point for chain in chains for j in chain.joints]]
-    )[:, order]
-    with new_figure(7.0, 6.0) as figure:
-        axes: Any = figure.add_axes((0.1, 0.1, 0.8, 0.8), projection="3d")
-        axes.view_init(*_VIEW)
-        axes.set_proj_type("ortho")
-        _draw_platform(axes, np.array(corners)[:, order], flat[:3][order])
-        labels: list[_Label] = [_Label(flat[:3][order], "P", INK)]
-        for number, chain in enumerate(chains):
-            colour = _LIMBS[number % len(_LIMBS)]
-            own = [
-                s for limb, s in zip(mechanism.segments, segments, strict=True) if limb == number
-            ]
-            joints = [joint.point for joint in chain.joints]
-            if own:
-                # A column or rail along which the first joint slides.
-                rail = np.array([joints[0], own[0][0]])[:, order]
-                axes.plot(*rail.T, color=colour, linewidth=1.2, linestyle=":", zorder=2)
-            for line in own or [np.array(joints)]:
-                axes.plot(*line[:, order].T, color=colour, linewidth=3.0, solid_capstyle="round",
-                          zorder=3)  # fmt: skip
-            labels += _draw_joints(axes, chain.joints, own, number + 1, order, colour)
-        bases = np.array([chain.joints[0].point for chain in chains])[:, order]
-        ring = np.vstack([bases, bases[:1]])
-        axes.plot(*ring.T, color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
-        low, high = places.min(axis=0), places.max(axis=0)
-        # A flat mechanism gets some depth: its labels would meet.
-        half = np.maximum((high - low) / 2, 0.15 * float((high - low).max())) * 1.06
-        low, high = (low + high) / 2 - half, (low + high) / 2 + half
-        axes.set_box_aspect(high - low)
-        names = np.array(["x", "y", "z"])[order]
-        for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-            getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
-            axis.set_label_text(label(str(names[k]), mechanism.length_unit))
-            axis.set_pane_color("white")
-            from matplotlib.ticker import MaxNLocator
+    _draw_platform(axes, np.array(corners)[:, order], flat[:3][order])
+    labels: list[_Label] = [_Label(flat[:3][order], "P", INK)]
+    for number, chain in enumerate(scene.chains):
+        colour = _LIMBS[number % len(_LIMBS)]
+        own = [s for limb, s in zip(mechanism.segments, segments, strict=True) if limb == number]
+        joints = [joint.point for joint in chain.joints]
+        if own:
+            # A column or rail along which the first joint slides.
+            rail = np.array([joints[0], own[0][0]])[:, order]
+            axes.plot(*rail.T, color=colour, linewidth=1.2, linestyle=":", zorder=2)
+        for line in own or [np.array(joints)]:
+            axes.plot(*line[:, order].T, color=colour, linewidth=3.0, solid_capstyle="round",
+                      zorder=3)  # fmt: skip
+        labels += _draw_joints(axes, chain.joints, own, number + 1, order, colour)
+    bases = np.array([chain.joints[0].point for chain in scene.chains])[:, order]
+    ring = np.vstack([bases, bases[:1]])
+    axes.plot(*ring.T, color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
+    return labels
 
-            count = 2 + round(4 * (high[k] - low[k]) / float((high - low).max()))
-            axis.set_major_locator(MaxNLocator(count))
-        if mechanism.vertical == 0:
-            axes.invert_zaxis()  # the paper's x points downwards
-        fit_axes(figure, axes, (0.03, 0.06, 0.74, 0.8))
-        _write_labels(figure, axes, labels)
-        _write_legend(figure, mechanism, chains)
-        units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
-        units |= {c.name: mechanism.unit(c) for c in mechanism.pose}
-        shown = {k: v for k, v in parameters.items() if v is not None}
-        figure.text(0.02, 0.97, f"{mechanism.name}: {parameter_text(shown, units)}", va="top",
-                    fontsize=10.5)  # fmt: skip
-        figure.text(0.02, 0.93, f"at {parameter_text(pose, units)}, working mode {mode}",
-                    va="top", fontsize=8.5, color="#555555")  # fmt: skip
-        return to_png(figure)
+
+def _set_box(
+    figure: Any, axes: Any, mechanism: Mechanism, low: NDArray[np.float64],
+    high: NDArray[np.float64], pad: float = _PAD,
+) -> None:  # fmt: skip
+    """Set limits, ticks and names of the axes, and fit them to the figure."""
+    from matplotlib.ticker import MaxNLocator
+
+    # A flat mechanism gets some depth: its labels would meet.
+    half = np.maximum((high - low) / 2, 0.15 * float((high - low).max())) * 1.06
+    low, high = (low + high) / 2 - half, (low + high) / 2 + half
+    axes.set_box_aspect(high - low)
+    names = np.array(["x", "y", "z"])[_order(mechanism)]
+    for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
+        getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
+        axis.set_label_text(label(str(names[k]), mechanism.length_unit))
+        axis.set_pane_color("white")
+        axis.labelpad = pad
+        count = 2 + round(4 * (high[k] - low[k]) / float((high - low).max()))
+        axis.set_major_locator(MaxNLocator(count))
+    if mechanism.vertical == 0:
+        axes.invert_zaxis()  # the paper's x points downwards
+    fit_axes(figure, axes, (0.03, 0.06, 0.74, 0.8))
+
+
+def _write_head(figure: Any, mechanism: Mechanism, parameters: Parameters) -> None:
+    units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
+    shown = {k: v for k, v in parameters.items() if v is not None}
+    figure.text(0.02, 0.97, f"{mechanism.name}: {parameter_text(shown, units)}", va="top",
+                fontsize=10.5)  # fmt: skip
+
+
+def draw_frames(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    poses: Sequence[Mapping[str, float]],
+    captions: Sequence[str],
+    working_mode: str | None = None,
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw a moving mechanism, all frames in one box, with the path of the platform's centre.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    parameters : mapping
+        Complete.
+    poses : sequence of mappings
+        Reachable in the working mode, one a frame.
+    captions : sequence of str
+        What is written above each frame.
+    working_mode : str, optional
+        Default: the mechanism's first.
+
+    Yields
+    ------
+    (height, width, 3) uint8
+        Red, green and blue.
+    """
+    mode = mechanism.check_mode(working_mode)
+    scenes = [_scene(mechanism, parameters, pose, mode) for pose in poses]
+    lows, highs = [], []
+    for scene in scenes:
+        places = scene.places(mechanism)
+        lows.append(places.min(axis=0))
+        highs.append(places.max(axis=0))
+    centres = np.array([scene.flat[:3] for scene in scenes])[:, _order(mechanism)]
+    with new_figure(7.0, 6.0) as figure:
+        figure.set_dpi(_FRAME_DPI)
+        axes = _new_axes(figure)
+        _draw_scene(axes, mechanism, scenes[0])
+        _set_box(figure, axes, mechanism, np.min(lows, axis=0), np.max(highs, axis=0), _FRAME_PAD)
+        _write_legend(figure, mechanism, scenes[0].chains)
+        _write_head(figure, mechanism, parameters)
+        written = figure.text(0.02, 0.93, "", va="top", fontsize=8.5, color="#555555")
+        for number, (scene, caption) in enumerate(zip(scenes, captions, strict=True)):
+            for artist in [*axes.lines, *axes.collections]:
+                artist.remove()
+            axes.plot(*centres.T, color=FAINT, linewidth=0.6, zorder=1)
+            axes.plot(*centres[: number + 1].T, color=_ACTUATED, linewidth=1.4, zorder=4)
+            _draw_scene(axes, mechanism, scene)
+            written.set_text(caption)
+            canvas: Any = figure.canvas
+            canvas.draw()
+            yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
 
 
 def _draw_platform(axes: Any, corners: NDArray[np.float64], centre: NDArray[np.float64]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from pmopt.analysis.projection import reached_positions
 from pmopt.analysis.shape import grid_points
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.reporting.surface import surface_nets
+
+Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Grid on which the workspace is located within its box; odd, so that a plane is in the middle.
 _LOCATE = 97
@@ -112,7 +115,9 @@ class _Location:
     levels: tuple[float, ...]
 
 
-def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> tuple[Section, ...]:
+def section_fields(
+    sweeper: Sweeper, design: Design, resolution: int = 400, measure: Measure | None = None
+) -> tuple[Section, ...]:
     """Return three sections, one across each of three coordinates, or some through home.
 
     With more coordinates than three each section shows two of them, the others at home; of five
@@ -124,10 +129,12 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
     design : Design
     resolution : int
         Points along each axis of a section.
+    measure : callable, optional
+        What is shown instead of LCI, of poses (d, N).
     """
     pose = sweeper.mechanism.pose
     if len(pose) > 3:
-        return _sections_through_home(sweeper, design, resolution)
+        return _sections_through_home(sweeper, design, resolution, measure)
     if len(pose) < 3:
         return ()
     place = _locate(sweeper, design)
@@ -140,6 +147,7 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
         poses[normal] = level
         poses[across], poses[up] = (a.ravel() for a in np.meshgrid(*axes))
         inside, lci = (v.reshape(count, count) for v in _inside(sweeper, design, poses))
+        shown = lci if measure is None else _measured(measure, poses, inside)
         sections.append(
             Section(
                 normal=pose[normal].name,
@@ -150,15 +158,25 @@ def section_fields(sweeper: Sweeper, design: Design, resolution: int = 400) -> t
                 horizontal=axes[0],
                 vertical=axes[1],
                 inside=inside,
-                continued=lci,
+                continued=shown,
                 determinant=determinants(sweeper, design, poses).reshape(count, count),
             )
         )
     return tuple(sections)
 
 
+def _measured(
+    measure: Measure, poses: NDArray[np.float64], inside: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what is measured where poses are reachable, NaN elsewhere."""
+    values = np.full(inside.size, np.nan)
+    kept = inside.ravel() >= 0
+    values[kept] = measure(np.ascontiguousarray(poses[:, kept]))
+    return values.reshape(inside.shape)
+
+
 def _sections_through_home(
-    sweeper: Sweeper, design: Design, resolution: int
+    sweeper: Sweeper, design: Design, resolution: int, measure: Measure | None
 ) -> tuple[Section, ...]:
     mechanism = sweeper.mechanism
     home = mechanism.home(design.parameters)
@@ -195,7 +213,7 @@ def _sections_through_home(
                 horizontal=axes[0],
                 vertical=axes[1],
                 inside=inside,
-                continued=lci,
+                continued=lci if measure is None else _measured(measure, poses, inside),
                 determinant=determinants(sweeper, design, poses).reshape(count, count),
                 constants=",\n".join(
                     ", ".join(constants[i : i + 2]) for i in range(0, len(constants), 2)

@@ -142,6 +142,19 @@ def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
         if manifest["command"] == "singularities":
             task = WorkspaceTask.from_dict(manifest["config"], str(folder))
             return of_singularities(task, threads)
+        if manifest["command"] == "motion":
+            from pmopt.analysis.motion_config import resolve_motion
+            from pmopt.reporting.motion_plots import draw_motion
+            from pmopt.reporting.motion_run import run_motion
+
+            moved = resolve_motion(manifest["config"], str(folder), folder)
+            return draw_motion(run_motion(moved, threads=threads).motion, moved.mechanism)
+        if manifest["command"] == "simulate":
+            from pmopt.analysis.motion_config import resolve_motion
+            from pmopt.reporting.simulate_run import draw_run, run_simulation
+
+            moved = resolve_motion(manifest["config"], str(folder), folder)
+            return draw_run(run_simulation(moved, threads=threads))
         import pandas as pd
 
         tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("front", "history")}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +37,8 @@ from pmopt.units import ONE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import PathPatch
 
 #: Elevation and azimuth of the view in degrees: onto the cut across the second coordinate.
 _VIEW = (24.0, -66.0)
@@ -115,28 +118,11 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
     """
     if not any(np.isfinite(section.lci).any() for section in sections):
         return draw_nothing(result)
-    true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
-    sides = _sides(true, [unit for s in sections for unit in s.units])
-    remarks = [] if sides is true else [_NO_SCALE]
-    sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
-    left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
-    head = 0.9 + 0.15 * max(section.plane.count("\n") for section in sections)
-    size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + head])
     edges = list(result.settings.regions[1:-1])
-    with new_figure(*size) as figure:
-        from matplotlib.ticker import MaxNLocator
-
-        scale = colour_scale(result)
-        for section, side in zip(sections, sides, strict=True):
-            axes = figure.add_axes((*([left, bottom] / size), *(side / size)))
+    with section_panels(sections) as (figure, panels, beside, remarks):
+        for section, axes in zip(sections, panels, strict=True):
             _draw_section(axes, section, largest_colour(result), edges)
-            # A label is wider than it is high.
-            for axis, count in ((axes.xaxis, side[0] / 0.5), (axes.yaxis, side[1] / 0.3)):
-                ticks = MaxNLocator(max(1, int(count)), steps=_STEPS, min_n_ticks=1)
-                axis.set_major_locator(ticks)
-            left += side[0] + gap
-        place = (*([left - gap + 0.25, bottom] / size), *([0.15, tallest] / size))
-        bar = figure.colorbar(scale, cax=figure.add_axes(place))
+        bar = figure.colorbar(colour_scale(result), cax=beside)
         for edge in edges:
             bar.ax.axhline(edge, color="white", linewidth=1.0)
         bar.set_label(index_label(result))
@@ -146,33 +132,86 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
         return to_png(figure)
 
 
-def _draw_section(axes: Axes, section: Section, largest: float, edges: Sequence[float]) -> None:
-    """Draw LCI and the edges of its regions, clipped to the outline of what is reachable."""
+@contextmanager
+def section_panels(
+    sections: Sequence[Section],
+) -> Iterator[tuple[Figure, list[Axes], Axes, list[str]]]:
+    """Give a figure with axes for each section, to one scale, axes for a colour bar, and remarks.
+
+    The axes have their titles, labels and ticks.
+    """
+    true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
+    sides = _sides(true, [unit for s in sections for unit in s.units])
+    remarks = [] if sides is true else [_NO_SCALE]
+    sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
+    left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
+    head = 0.9 + 0.15 * max(section.plane.count("\n") for section in sections)
+    size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + head])
+    with new_figure(*size) as figure:
+        from matplotlib.ticker import MaxNLocator
+
+        panels = []
+        for section, side in zip(sections, sides, strict=True):
+            axes = figure.add_axes((*([left, bottom] / size), *(side / size)))
+            axes.set_title(section.plane)
+            axes.set_xlabel(label(section.names[0], section.units[0]))
+            axes.set_ylabel(label(section.names[1], section.units[1]), labelpad=2)
+            axes.set_xlim(section.horizontal[0], section.horizontal[-1])
+            axes.set_ylim(section.vertical[0], section.vertical[-1])
+            # A label is wider than it is high.
+            for axis, count in ((axes.xaxis, side[0] / 0.5), (axes.yaxis, side[1] / 0.3)):
+                ticks = MaxNLocator(max(1, int(count)), steps=_STEPS, min_n_ticks=1)
+                axis.set_major_locator(ticks)
+            panels.append(axes)
+            left += side[0] + gap
+        place = (*([left - gap + 0.25, bottom] / size), *([0.15, tallest] / size))
+        yield figure, panels, figure.add_axes(place), remarks
+
+
+def outline_of(axes: Axes, section: Section) -> PathPatch | None:
+    """Draw the outline of what is reachable; None where nothing is."""
     from matplotlib.patches import PathPatch
 
-    x, y, values = section.horizontal, section.vertical, section.continued
-    axes.set_title(section.plane)
-    axes.set_xlabel(label(section.names[0], section.units[0]))
-    axes.set_ylabel(label(section.names[1], section.units[1]), labelpad=2)
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(y[0], y[-1])
     if section.inside.max() < 0:
-        return
+        return None
+    x, y = section.horizontal, section.vertical
     filled = axes.contourf(x, y, section.inside, [0.0, 2 * section.inside.max() + 1])
     outline = PathPatch(filled.get_paths()[0], fill=False, edgecolor=INK, linewidth=0.9)
     filled.remove()
     axes.add_patch(outline)
+    return outline
+
+
+def draw_singular(axes: Axes, section: Section, colour: str = SINGULAR) -> None:
+    """Draw where the inverse Jacobian's determinant changes sign."""
     sign = np.sign(section.determinant)
     if sign.min() < sign.max():
         # Only within reach: beyond it the determinant says nothing.
         reached = np.where(section.inside >= 0, section.determinant, np.nan)
         if np.nanmin(reached) < 0 < np.nanmax(reached):
-            axes.contour(x, y, reached, [0.0], colors=[SINGULAR], linewidths=1.4, zorder=4)
+            axes.contour(
+                section.horizontal, section.vertical, reached, [0.0], colors=[colour],
+                linewidths=1.4, zorder=4,
+            )  # fmt: skip
+
+
+def image_place(section: Section) -> tuple[float, float, float, float]:
+    """Return the extent of an image whose pixels are the section's points."""
+    x, y = section.horizontal, section.vertical
     dx, dy = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
-    extent = (x[0] - dx, x[-1] + dx, y[0] - dy, y[-1] + dy)
+    return x[0] - dx, x[-1] + dx, y[0] - dy, y[-1] + dy
+
+
+def _draw_section(axes: Axes, section: Section, largest: float, edges: Sequence[float]) -> None:
+    """Draw LCI and the edges of its regions, clipped to the outline of what is reachable."""
+    x, y, values = section.horizontal, section.vertical, section.continued
+    outline = outline_of(axes, section)
+    if outline is None:
+        return
+    draw_singular(axes, section)
     image = axes.imshow(
-        values, COLOURS, vmin=0.0, vmax=largest, origin="lower", extent=extent, aspect="auto",
-        interpolation="bilinear",
+        values, COLOURS, vmin=0.0, vmax=largest, origin="lower", extent=image_place(section),
+        aspect="auto", interpolation="bilinear",
     )  # fmt: skip
     image.set_clip_path(outline)
     crossed = [edge for edge in edges if values.min() < edge < values.max()]

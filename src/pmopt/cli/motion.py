@@ -1,0 +1,66 @@
+"""``pmopt motion``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pmopt.cli import options
+from pmopt.cli.output import emit, notifier, progress_bar
+from pmopt.errors import InputError
+
+
+@click.command("motion")
+@click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
+@click.option(
+    "--animate",
+    type=click.Path(path_type=Path),
+    metavar="FILE.gif|.mp4",
+    help="The moving mechanism in real time; .mp4 needs ffmpeg.",
+)
+@click.option("--fps", type=float, metavar="N", help="Frames a second of --animate. Default: 20.")
+@options.threads_option
+@options.out_options
+@options.common_options
+def motion_command(
+    config: Path, animate: Path | None, fps: float | None, threads: int | None,
+    out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
+) -> None:  # fmt: skip
+    """Joint positions, rates, accelerations, efforts and power along a trajectory.
+
+    The table tells what the motion asks of each actuator; --format csv prints the motion itself.
+    A motion that is out of reach, singular or beyond a limit ends with exit code 2 and the spans
+    of time where it is.
+
+    \b
+    Example:
+      pmopt motion configs/motion/2uu-upu-t1.toml --out outputs/t1
+    """
+    from pmopt.analysis.motion_config import load_motion
+    from pmopt.files import write_atomic
+    from pmopt.reporting import motion_run
+
+    task = load_motion(config)
+    if animate is not None:
+        from pmopt.reporting import animation
+
+        rate = animation.DEFAULT_FPS if fps is None else fps
+        animation.check_animation(animate, rate, force)
+    elif fps is not None:
+        raise InputError("--fps: only together with --animate")
+    notify = notifier(quiet)
+    run = motion_run.run_motion(task, out, force=force, threads=threads, notify=notify)
+    tables = motion_run.motion_tables(run)
+    if form == "csv" and not run.infeasible:
+        tables = [motion_run.motion_table(run)]
+    if animate is not None and not run.infeasible:
+        with progress_bar(quiet, f"frames {task.mechanism.name}", "frames") as progress:
+            picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
+        write_atomic(animate, picture)
+        notify(f"written to {animate}")
+    emit(form, run.to_dict(), tables)
+    if run.infeasible:
+        raise InputError(run.complaint())
+    if out is not None:
+        notify(f"written to {out}")

@@ -1,0 +1,205 @@
+"""A whole ``pmopt capability`` run: result, tables, picture, files."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.analysis.capability import (
+    SHARES,
+    Capability,
+    Demands,
+    Task,
+    check_limits,
+    compute_capability,
+)
+from pmopt.analysis.estimates import Estimate
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sweeper import Sweeper
+from pmopt.mechanisms.base import Mechanism, Parameters
+from pmopt.reporting import plots
+from pmopt.reporting.canvas import (
+    CHARACTER,
+    INK,
+    format_estimate,
+    parameter_text,
+    to_png,
+    with_unit,
+)
+from pmopt.reporting.fields import Section, section_fields
+from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
+
+#: Colours end at twice what the motors have.
+_MOST = 2.0
+_RESOLUTION = 160
+#: Red is taken.
+_SINGULAR = "#1f3bff"
+
+
+def run_capability(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    settings: WorkspaceSettings,
+    task: Task,
+    limits: Mapping[str, Any],
+    out: Path | None = None,
+    *,
+    samples: int,
+    seed: int = 1,
+    force: bool = False,
+    threads: int | None = None,
+    notify: Callable[[str], None] | None = None,
+) -> Capability:
+    """Sample demands and the capable region and, with ``out``, write the run's folder."""
+    folder = RunFolder(out, force) if out is not None else None
+    result = compute_capability(
+        mechanism, parameters, settings, task, limits, samples=samples, seed=seed,
+        threads=threads, notify=notify,
+    )  # fmt: skip
+    if folder is None:
+        return result
+    drawn = _pictures(mechanism, parameters, settings, result, limits, seed, threads)
+    folder.open()
+    folder.write("result.json", to_json(result.to_dict()) + "\n")
+    folder.write("demands.csv", to_csv(capability_tables(result)) + "\n")
+    for name, data in drawn.items():
+        folder.write(name, data)
+    folder.close(
+        "capability",
+        {
+            "mechanism": mechanism.name,
+            "config": {
+                "mechanism": mechanism.name,
+                "parameters": dict(parameters),
+                "workspace": settings.model_dump(mode="json"),
+                "task": result.to_dict()["task"],
+                "limits": dict(limits),
+                "samples": result.samples,
+            },
+            "seed": seed,
+            "resumes": [],
+            "units": result.units,
+        },
+    )
+    return result
+
+
+def capability_tables(result: Capability) -> list[Table]:
+    """Return a row for each rate and effort, and the volumes."""
+    columns = ["demand", "unit", "limit"]
+    for share in SHARES:
+        columns += [f"p{100 * share:.0f}", f"p{100 * share:.0f}_error"]
+    columns += ["volume", "volume_error"]
+
+    def cell(value: float) -> Cell:
+        return value if np.isfinite(value) else None
+
+    rows: list[tuple[Cell, ...]] = []
+    display: list[tuple[Cell, ...]] = []
+    for demand in result.demands:
+        pairs = [*demand.levels, demand.volume]
+        rows.append((demand.name, demand.unit, demand.limit,
+                     *(cell(value) for pair in pairs for value in pair)))  # fmt: skip
+        shown = [text for pair in pairs for text in with_error(*pair)]
+        display.append((demand.name, demand.unit, demand.limit, *shown))
+    unit = result.units["volume"]
+    units = {"volume": unit, "volume_error": unit}
+    task = _task_text(result)
+    percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
+    notes = [
+        "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
+        f"task: {task}, in any direction",
+        f"reachable volume {format_estimate(result.volume)} {unit}; all limits are kept in "
+        f"{format_estimate(result.capable)} {unit}, {percent} % of it",
+    ]
+    return [
+        Table(
+            f"{result.mechanism}, {result.working_mode}: what the joints are asked for",
+            tuple(columns), tuple(rows), units, tuple(notes), tuple(display),
+        )
+    ]  # fmt: skip
+
+
+def _task_text(result: Capability) -> str:
+    told = result.to_dict()["task"]
+    parts = [f"{k.replace('_', ' ')} {v:.4g} {result.units[k]}" for k, v in told.items() if v]
+    return ", ".join(parts) or "standing still"
+
+
+def _pictures(
+    mechanism: Mechanism,
+    parameters: Parameters,
+    settings: WorkspaceSettings,
+    result: Capability,
+    limits: Mapping[str, Any],
+    seed: int,
+    threads: int | None,
+) -> dict[str, bytes]:
+    """Return sections that show how much of what the motors have is asked for."""
+    given = check_limits(mechanism, limits, "capability")
+    if not given or result.reachable == 0:
+        return {}
+    asked = Demands(mechanism, parameters, result.working_mode, result.task, None, threads)
+    bounds = np.array([given.get(name, np.inf) for name in asked.names])
+
+    def used(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        share: NDArray[np.float64] = (asked.at(poses) / bounds[:, None]).max(axis=0)
+        return share
+
+    sweeper = Sweeper(mechanism, settings, seed, threads)
+    sections = section_fields(sweeper, sweeper.design(parameters), _RESOLUTION, used)
+    return {
+        f"capability{f'_{k // 3 + 1}' if k else ''}.png": _draw(sections[k : k + 3], result, given)
+        for k in range(0, len(sections), 3)
+    }
+
+
+def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str, float]) -> bytes:
+    """Draw sections coloured by the largest share of a motor that is asked for; 1 is a line."""
+    with plots.section_panels(sections) as (figure, panels, beside, remarks):
+        from matplotlib import colormaps
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        colours = colormaps["RdYlGn_r"]
+        norm = Normalize(0.0, _MOST)
+        for section, axes in zip(sections, panels, strict=True):
+            outline = plots.outline_of(axes, section)
+            if outline is None:
+                continue
+            values = np.minimum(section.continued, 10 * _MOST)
+            # Not interpolated: beside what is out of reach there is nothing to interpolate with.
+            image = axes.imshow(
+                values, colours, norm=norm, origin="lower", extent=plots.image_place(section),
+                aspect="auto", interpolation="nearest",
+            )  # fmt: skip
+            image.set_clip_path(outline)
+            plots.draw_singular(axes, section, _SINGULAR)
+            if np.nanmin(values) < 1 < np.nanmax(values):
+                axes.contour(section.horizontal, section.vertical, values, [1.0], colors=[INK],
+                             linewidths=1.2)  # fmt: skip
+        bar = figure.colorbar(ScalarMappable(norm, colours), cax=beside, extend="max")
+        bar.set_label("needed / available, largest of all joints")
+        width, height = figure.get_size_inches()
+        room = int((width - 0.3) / (CHARACTER * 8.5 / 8))
+        params = {k: v for k, v in result.params.items() if v is not None}
+        head = f"{result.mechanism}: {parameter_text(params, result.units)}"
+        share = Estimate(100 * result.share.value, 100 * result.share.error)
+        motors = ", ".join(
+            f"{k} {with_unit(f'{v:.4g}', result.units[k])}" for k, v in limits.items()
+        )
+        told = [
+            f"{_task_text(result)}, in any direction; limits: {motors}; kept in "
+            f"{format_estimate(share)} % of the volume", f"working mode {result.working_mode}",
+            *remarks, "black lines: limits just enough, blue lines: singular",
+        ]  # fmt: skip
+        body = "\n".join(textwrap.wrap(", ".join(told), room))
+        figure.text(0.15 / width, 1 - 0.12 / height, head, va="top", fontsize=10.5)
+        figure.text(0.15 / width, 1 - 0.33 / height, body, va="top", fontsize=8.5, color="#555555")
+        return to_png(figure)

@@ -1,0 +1,126 @@
+"""What motors a workspace asks for: bounds against sampled directions, volumes, the command."""
+
+import json
+
+import numpy as np
+import pytest
+from cli_runner import error_line, here, json_answer
+from test_dynamics import MOVED, course
+
+from pmopt.analysis.capability import Demands, Task, compute_capability
+from pmopt.analysis.dynamics import Mover
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.mechanisms import find
+from pmopt.mechanisms.bodies import point_mass
+
+T = np.linspace(0.0, 1.0, 5)
+
+
+def directions(mechanism, speed, turn, count, rng):
+    """Return pose rates of the given sizes in random directions."""
+    rates = np.zeros((count, len(mechanism.pose)))
+    for kind, size in (("length", speed), ("angle", turn)):
+        columns = [k for k, c in enumerate(mechanism.pose) if c.kind == kind]
+        v = rng.standard_normal((count, len(columns)))
+        if columns:
+            rates[:, columns] = size * v / np.linalg.norm(v, axis=1, keepdims=True)
+    return rates
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_no_direction_asks_for_more_and_some_for_nearly_as_much(name):
+    mechanism = find(name)
+    parameters = mechanism.resolve({})
+    mode = mechanism.working_modes[0]
+    size = mechanism.characteristic_length(parameters)
+    load = point_mass(3.0, (0.1 * size, 0.0, 0.2 * size))
+    bodies = (*mechanism.bodies(parameters), load.body("payload"))
+    mover = Mover(mechanism, parameters, mode, bodies)
+    rng = np.random.default_rng(len(name))
+    n, count = len(mechanism.joints), 4000
+    for pose in course(name, T, swing=0.05)[0][:3]:
+        poses = np.repeat(pose[None], count, axis=0)
+        speeds = directions(mechanism, 2.0 * size, 0.7, count, rng)
+        changes = directions(mechanism, 9.0 * size, 4.0, count, rng)
+        none = np.zeros_like(speeds)
+        moved = mover.state(poses, speeds, none)
+        rates = np.abs(moved.joint_rates / mover.si(mechanism.joints)).max(axis=0)
+        accelerated = np.abs(mover.state(poses, none, changes).efforts).max(axis=0)
+        both = np.abs(mover.state(poses, speeds, changes).efforts).max(axis=0)
+        at = pose[:, None]
+
+        def asked(at=at, **task):
+            return Demands(mechanism, parameters, mode, Task(payload=load, **task)).at(at)[:, 0]
+
+        fast = asked(speed=2.0 * size, turn=0.7)
+        still = asked(acceleration=9.0 * size, angular_acceleration=4.0)
+        whole = asked(speed=2.0 * size, turn=0.7, acceleration=9.0 * size, angular_acceleration=4.0)
+        assert (rates <= fast[:n] * (1 + 1e-12)).all()
+        assert (rates >= 0.85 * fast[:n]).all()
+        assert (accelerated <= still[n:] * (1 + 1e-12)).all()
+        assert (accelerated >= 0.85 * still[n:]).all()
+        assert (both <= whole[n:] * (1 + 1e-12)).all()
+
+
+def test_a_force_in_any_direction_is_the_transposed_jacobian():
+    """2PaUU-PPaP only translates: tau = J^T F."""
+    mechanism = find("2pauu-ppap")
+    parameters = mechanism.resolve({})
+    poses = course("2pauu-ppap", T)[0].T
+    plain = Demands(mechanism, parameters, "out-out", Task(), bodies=()).at(poses)
+    pressed = Demands(mechanism, parameters, "out-out", Task(force=7.0), bodies=()).at(poses)
+    np.testing.assert_array_equal(plain, 0)
+    for k, pose in enumerate(poses.T):
+        given = dict(zip("xyz", pose.tolist(), strict=True))
+        joints = mechanism.inverse(parameters, given)[0].joints
+        j_x, j_q = mechanism.velocity_maps(parameters, given, joints)
+        jacobian = np.linalg.solve(j_x, j_q)
+        np.testing.assert_allclose(pressed[3:, k], 7 * np.linalg.norm(jacobian, axis=0), rtol=1e-10)
+
+
+def test_volumes_shrink_with_the_motors_and_agree_with_the_share():
+    mechanism = find("3-cur")
+    parameters = mechanism.resolve({})
+
+    def run(limits, **more):
+        task = Task(speed=0.5, turn=1.0)
+        return compute_capability(
+            mechanism, parameters, WorkspaceSettings(), task, limits, samples=16384, **more
+        )
+
+    free = run({})
+    assert free.capable == free.volume
+    assert free.share.value == 1
+    # The fraction that the median of a demand leaves is a half.
+    median = free.demands[0].levels[0]
+    half = run({"h1_rate": median.value})
+    assert half.share.value == pytest.approx(0.5, abs=1e-3)
+    assert half.capable.value == pytest.approx(half.demands[0].volume.value)
+    assert half.capable.value == pytest.approx(half.share.value * half.volume.value)
+    less = run({"h1_rate": median.value, "h2_effort": free.demands[4].levels[0].value})
+    assert 0 < less.capable.value < half.capable.value
+    other = run({"h1_rate": median.value}, seed=2)
+    error = np.hypot(half.capable.error, other.capable.error)
+    assert abs(half.capable.value - other.capable.value) < 5 * error
+    assert run({"h1_rate": median.value}, threads=1).to_dict() == half.to_dict()
+
+
+def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
+    out = tmp_path / "run"
+    document = json_answer(
+        "capability", "2uu-upu", "--payload", "1", "--speed", "0.2", "--samples", "16384",
+        "--motors", "theta1_effort=20,phi_effort=20", "--out", out, cwd=tmp_path,
+    )  # fmt: skip
+    assert 0 < document["share"]["value"] < 1
+    assert document["share"]["standard_error"] > 0
+    assert document == json.loads((out / "result.json").read_text())
+    assert (out / "capability.png").read_bytes()[:4] == b"\x89PNG"
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["units"]["theta1_effort"] == "N m"
+    for words, told in (
+        (["--motors", "theta_effort=3"], "theta1_effort"),
+        (["--motors", "phi_rate=-1"], "a number > 0"),
+        (["--speed", "-1"], "--speed: -1.0 is not allowed"),
+        (["--payload-centre", "1,2"], "is no X,Y,Z"),
+    ):
+        assert told in error_line(here("capability", "2uu-upu", *words, cwd=tmp_path))

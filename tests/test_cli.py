@@ -407,6 +407,20 @@ def test_columns_do_not_depend_on_the_number_of_rows(tmp_path):
     assert list(one[0]) == list(two[0])
 
 
+def test_columns_do_not_depend_on_which_rows_are_out_of_reach(tmp_path):
+    """Parasitic coordinates have columns also where the first pose is out of reach."""
+    good, bad = "0.5,0,0\n", "99,0,0\n"
+    heads = set()
+    for name, rows in (("one", good), ("two", bad + good), ("three", bad)):
+        path = tmp_path / f"{name}.csv"
+        path.write_text(f"z,beta,gamma\n{rows}")
+        result = here("ik", "3-cur", "--poses", path, "--format", "csv", cwd=tmp_path)
+        assert result.returncode == (2 if bad in rows else 0), result.stderr
+        heads.add(tuple(csv_rows(result.stdout)[0]))
+    (head,) = heads
+    assert {"h1", "h2", "h3", "x", "y", "alpha"} <= set(head)
+
+
 # --- workspace ----------------------------------------------------------------------------
 
 

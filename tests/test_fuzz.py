@@ -6,6 +6,7 @@ from pathlib import Path
 
 import fuzzing
 import pytest
+from cli_runner import pmopt_all
 from fuzzing import ends_well, folder, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -156,3 +157,22 @@ def test_workspaces(words):
 @given(fuzzing.search_configs(wide=False))
 def test_searches(raw):
     searches(raw)
+
+
+def test_as_processes(tmp_path):
+    """What only a process can be given: bytes that are no text, and an environment of its own."""
+    (tmp_path / "input.toml").write_bytes(b'mechanism = "\xff"\n')
+    (tmp_path / "input.csv").write_bytes(b"x,y,z\n\x00,1,2\n")
+    odd = b"\xff\xfe".decode(errors="surrogateescape")
+    commands = [
+        ("workspace", odd),
+        ("workspace", "2pauu-ppap", "--params", f"{odd}=1"),
+        ("workspace", "2pauu-ppap", "--domain", f"x={odd}:1"),
+        ("ik", "2pauu-ppap", "--poses", odd),
+        ("ik", "2pauu-ppap", "--poses", "input.csv"),
+        ("pareto", "input.toml"),
+        ("pareto", odd, "--out", odd),
+        ("jacobian", "2pauu-ppap", "--pose", "x=1e308,y=-1e308,z=1"),
+    ]
+    for result in pmopt_all(commands, tmp_path):
+        assert ends_well(result, tmp_path, ["input.toml", "input.csv"]) == "bad input"

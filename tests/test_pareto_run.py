@@ -45,7 +45,7 @@ from pmopt.synthesis.checkpoint import Checkpoint
 from pmopt.synthesis.config import AlgorithmSettings, resolve_config
 from pmopt.synthesis.front import idle_directions
 from pmopt.synthesis.nsga2 import Nsga2, crowding_distance
-from pmopt.synthesis.optimise import Optimisation, Record, hypervolume, spread
+from pmopt.synthesis.optimise import Optimisation, hypervolume, spread
 from pmopt.synthesis.problem import DesignProblem
 
 MECH = "2pauu-ppap"
@@ -1200,9 +1200,11 @@ def test_checkpoint_of_another_installation_is_refused(finished):
     search = Optimisation(problem)
     recorded = [g.record for g in search.generations()]
     second = recorded[1].evaluated
-    moved = Record(replace(second, variables=second.variables + 1e-9), None, recorded[1].generator)
-    with pytest.raises(package.PmoptError, match="generation 2"):
-        list(Optimisation(problem).generations([recorded[0], moved]))
+    moved = replace(recorded[1], evaluated=replace(second, variables=second.variables + 1e-9))
+    drawn = replace(recorded[1], generator=recorded[2].generator)
+    for other in (moved, drawn):
+        with pytest.raises(package.PmoptError, match="generation 2"):
+            list(Optimisation(problem).generations([recorded[0], other]))
 
 
 def test_active_bounds_leave_a_front(tmp_path):

@@ -148,6 +148,7 @@ def test_more_continues_a_finished_run(in_one_go, tmp_path, every_block, first, 
     name = "target" if "target_error" in then else "samples"
     assert outputs(folder) == outputs(in_one_go(name))
     assert resumes_of(folder) == [kept]
+    assert kept % BLOCK_CHUNKS == 0  # where a run ends within a block, a longer one does not
 
 
 def test_more_after_a_short_run_starts_afresh(in_one_go, tmp_path):

@@ -35,11 +35,12 @@ def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True)
     wanted = [(shared, entry.name) for entry in shared.entries] if shapes else []
     missing: dict[str, int] = {}
     for user in users:
+        called = user.kernels
+        if isinstance(user, Sweeper) and not shapes:
+            called = user.sampling_kernels
         new = [
             (compiled, entry)
-            for compiled, entries in (
-                user.sampling_kernels if isinstance(user, Sweeper) and not shapes else user.kernels
-            ).items()
+            for compiled, entries in called.items()
             for entry in entries
             if (compiled, entry) not in wanted
         ]

@@ -120,24 +120,17 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
 def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
     """Return branches, a row each; of ``many`` poses each is numbered and repeated."""
     first = results[0]
-    shown = first.solutions[0] if first.solutions else None
-    joints = list(shown.joints) if shown else [c for c in first.units if c not in first.pose]
-    extra = list(shown.parasitic) if shown else []
+    names = [c for c in first.units if c not in first.pose]  # joints, parasitic coordinates
     poses = list(first.pose) if many else []
-    columns = (*(["row"] if poses else []), *poses, "working_mode", *joints, *extra,
+    columns = (*(["row"] if poses else []), *poses, "working_mode", *names,
                "within_limits")  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
         head = [number, *result.pose.values()] if poses else []
         branches: list[list[Cell]] = [
-            [
-                s.working_mode,
-                *(s.joints[j] for j in joints),
-                *(s.parasitic[c] for c in extra),
-                inside,
-            ]
+            [s.working_mode, *((s.joints | s.parasitic)[c] for c in names), inside]
             for s, inside in zip(result.solutions, result.within_limits, strict=True)
-        ] or [[None] * (len(joints) + len(extra) + 2)]
+        ] or [[None] * (len(names) + 2)]
         rows += [(*head, *branch) for branch in branches]
     pose = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.pose.items())
     title = f"{first.mechanism}, {len(results)} poses" if poses else f"{first.mechanism}, {pose}"

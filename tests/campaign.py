@@ -163,6 +163,8 @@ def main():
         "workspace options": (
             test_fuzz.workspaces, fuzzing.workspace_commands(wide=options.wide)),
         "configurations": (test_fuzz.searches, fuzzing.search_configs(wide=options.wide)),
+        "motions": (test_fuzz.motions, fuzzing.motion_configs(wide=options.wide)),
+        "motors": (test_fuzz.capabilities, fuzzing.capability_commands(wide=options.wide)),
         "checkpoints": (
             lambda example: test_fuzz.checkpoints(example, kept),
             st.tuples(st.sampled_from(sorted(test_fuzz.RUNS)), st.data()),

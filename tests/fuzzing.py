@@ -35,14 +35,17 @@ def folder():
 @contextlib.contextmanager
 def nothing_drawn():
     """Leave out the pictures, which take a thousand times longer than what is drawn here."""
-    from pmopt.reporting import pictures
+    from pmopt.reporting import motion_plots, pictures
 
-    kept = pictures.of_workspace, pictures.of_pareto
-    pictures.of_workspace = pictures.of_pareto = lambda *_: {}
+    def nothing(*_):
+        return {}
+
+    kept = pictures.of_workspace, pictures.of_pareto, motion_plots.draw_motion
+    pictures.of_workspace = pictures.of_pareto = motion_plots.draw_motion = nothing
     try:
         yield
     finally:
-        pictures.of_workspace, pictures.of_pareto = kept
+        pictures.of_workspace, pictures.of_pareto, motion_plots.draw_motion = kept
 
 
 def run(words, cwd):
@@ -410,3 +413,119 @@ def search_configs(draw, wide=True):
             place[key] = draw(ANYTHING)
     raw = to_toml(document).encode()
     return draw(mangled(raw)) if draw(st.integers(0, 7)) == 0 else raw
+
+
+# --- motions --------------------------------------------------------------------------------
+
+FORMULAS = st.sampled_from([
+    "0.1*sin(t)", "0.2 - 0.1*cos(2*t)", "rad(20)*t", "t", "sqrt(t)", "1/t", "log(t - 1)", "t**-1",
+    "exp(99*t)", "t**0.5", "2**t", "sin", "sin(t", "t.real", "__import__('os')", "x", "asin(2*t)",
+    "(1).__class__", "lambda: 1", "t if t else 1", "[t]", "9**9**9", "1e999", "sin(t, t)", "-t",
+    "t t", "", "(" * 200 + "t" + ")" * 200, "t" + "+t" * 900,
+])  # fmt: skip
+
+
+@st.composite
+def motion_configs(draw, wide=True):
+    """Return bytes of configurations of short motions, and of ``input.csv`` or None."""
+    mechanism = find(draw(mechanisms(wide)))
+    home = mechanism.home(mechanism.resolve({}))
+    space = draw(mostly(st.just("task"), st.sampled_from(["joint", "else"])))
+    start = home if space == "task" else mechanism.inverse(mechanism.resolve({}), home)[0].joints
+    by = {k: 0.05 * (100.0 if abs(v) > 10 else 1.0) for k, v in start.items()}
+    good = {k: near(v, by[k]) for k, v in start.items()}
+    kind = draw(st.sampled_from(["expressions", "waypoints", "gate", "file", "fit"]))
+    step = mostly(st.just(0.05), st.sampled_from([0.1, 0.5, -1, 0, 1e-9, 1e9]))
+    trajectory = {"space": space, "step": draw(step)}
+    table = None
+    if kind == "expressions":
+        trajectory["duration"] = draw(st.sampled_from([1.0, 0.5, 0.0, 1e12]) | st.just(1.0))
+        for k, v in start.items():
+            trajectory[k] = draw(mostly(
+                good[k].map(lambda g, v=v: f"{v!r} + {g - v!r}*sin(3*t)"), FORMULAS, good[k], WORDS,
+                times=8,
+            ))  # fmt: skip
+    elif kind == "waypoints":
+        row = st.fixed_dictionaries(good) | st.tuples(*good.values()).map(list)
+        trajectory["waypoints"] = draw(st.lists(mostly(row, ANYTHING), min_size=1, max_size=4))
+        trajectory["duration"] = 1.0
+        for key, value in {
+            "law": st.sampled_from(["trapezoidal", "quintic", "cubic"]), "through": st.booleans(),
+            "blend": st.floats(-0.1, 0.7), "dwell": st.floats(0, 2),
+            "max_rate": st.just(dict.fromkeys(start, 0.3)),
+        }.items():  # fmt: skip
+            if draw(st.integers(0, 3)) == 0:
+                trajectory[key] = draw(value)
+    elif kind == "gate":
+        trajectory["gate"] = {
+            "pick": draw(st.fixed_dictionaries(good)), "place": draw(st.fixed_dictionaries(good)),
+            "up": draw(mostly(st.sampled_from(list(start)), WORDS)),
+            "height": draw(mostly(st.floats(-0.1, 0.1), st.floats())),
+            "radius": draw(mostly(st.floats(0.001, 0.05), st.floats())),
+            "cycle": draw(mostly(st.floats(0.5, 2), st.floats())),
+        }  # fmt: skip
+    else:
+        trajectory["file"] = draw(mostly(st.just("input.csv"), WORDS, st.just("../input.csv")))
+        count = draw(st.integers(0, 12))
+        times = [repr(0.1 * k) for k in range(count)]
+        if draw(st.integers(0, 4)) == 0 and count:
+            times[draw(st.integers(0, count - 1))] = draw(numbers())
+        rows = [",".join([t, *(repr(draw(good[k])) if draw(st.integers(0, 30)) else draw(numbers())
+                               for k in start)]) for t in times]  # fmt: skip
+        raw = "\n".join([",".join(["t", *start]), *rows, ""]).encode()
+        table = draw(mangled(raw)) if draw(st.integers(0, 4)) == 0 else raw
+        if kind == "fit":
+            trajectory["fit"] = draw(st.sampled_from([
+                {"kind": "harmonics", "count": 1, "period": 1.0}, {"kind": "harmonics"},
+                {"kind": "spline", "pieces": 2}, {"kind": "spline", "pieces": 99}, {"kind": "x"},
+                {"kind": "harmonics", "count": 40, "period": "free"},
+            ]))  # fmt: skip
+    document = {"mechanism": mechanism.name, "trajectory": trajectory}
+    if draw(st.integers(0, 2)) == 0:
+        document["parameters"] = {p.name: draw(near(p.default, 0.3 * abs(p.default)) | st.floats())
+                                  for p in mechanism.parameters[:2]}  # fmt: skip
+    if draw(st.integers(0, 2)) == 0:
+        size = st.floats(0, 10) | st.floats()
+        document["payload"] = {"mass": draw(size), "centre": [draw(size), 0.0, 0.0]}
+    if draw(st.integers(0, 2)) == 0:
+        body = draw(st.sampled_from(["platform", "limb 1 link", "extra"]))
+        shape = {"rod": {"diameter": draw(st.floats()), "length": 0.3}}
+        document["bodies"] = {body: draw(mostly(st.just(shape), ANYTHING, times=2))}
+    if draw(st.integers(0, 2)) == 0:
+        joint = mechanism.joints[0].name
+        key = draw(st.sampled_from([joint, f"{joint}_rate", f"{joint}_effort", "x_effort"]))
+        document["limits"] = {key: sorted([draw(st.floats(-9, 9)), draw(st.floats(-9, 9))])}
+    if draw(st.integers(0, 4)) == 0:
+        document[draw(WORDS | st.sampled_from(["gravity", "efforts", "controller"]))] = draw(
+            ANYTHING
+        )
+    raw = to_toml(document).encode()
+    return (draw(mangled(raw)) if draw(st.integers(0, 7)) == 0 else raw), table
+
+
+@st.composite
+def capability_commands(draw, wide=True):
+    """Return lines of ``capability`` that take milliseconds."""
+    mechanism = find(draw(mechanisms(wide)))
+    words = [
+        "capability",
+        mechanism.name,
+        "--samples",
+        draw(st.sampled_from(["16", "2000", "0", "x"])),
+    ]
+    limits = [f"{c.name}_{what}" for c in mechanism.joints for what in ("rate", "effort")]
+    options = [
+        *(numbers(st.floats(0, 5)).map(lambda v, name=name: [f"--{name}", v])
+          for name in ("speed", "turn", "acceleration", "tool-force", "payload")),
+        named({limits[0]: st.floats(0.1, 100), limits[1]: st.floats(1, 1e4)}).map(
+            lambda v: ["--motors", v]
+        ),
+        designs(mechanism).map(lambda v: ["--params", v]),
+        ranges([c.name for c in mechanism.pose], unit_of_length(mechanism)).map(
+            lambda v: ["--domain", v]
+        ),
+        mostly(st.just("0,0,0.1"), WORDS).map(lambda v: ["--payload-centre", v]),
+    ]  # fmt: skip
+    for option in draw(st.lists(st.sampled_from(options), max_size=4, unique_by=id)):
+        words += draw(option)
+    return [*words, *draw(FORMS)]

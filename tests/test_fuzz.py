@@ -60,6 +60,25 @@ def searches(raw):
         return ends_well(result, cwd, ["input.toml", "run"])
 
 
+def motions(example):
+    """Check one configuration of ``motion``, with or without a table of points."""
+    raw, table = example
+    with folder() as cwd:
+        (cwd / "input.toml").write_bytes(raw)
+        if table is not None:
+            (cwd / "input.csv").write_bytes(table)
+        result = run(["motion", "input.toml", "--out", "run", "--quiet"], cwd)
+        how = ends_well(result, cwd, ["input.toml", "input.csv", "run"])
+        assert (cwd / "run").exists() == (how == "success")
+        return how
+
+
+def capabilities(words):
+    """Check one line of ``capability``."""
+    with folder() as cwd:
+        return ends_well(run([*words, "--quiet"], cwd), cwd)
+
+
 SMALL = """
 mechanism = "2pauu-ppap"
 [parameters]
@@ -157,6 +176,18 @@ def test_workspaces(words):
 @given(fuzzing.search_configs(wide=False))
 def test_searches(raw):
     searches(raw)
+
+
+@FEW
+@given(fuzzing.motion_configs(wide=False))
+def test_motions(example):
+    motions(example)
+
+
+@settings(FEW, max_examples=60)
+@given(fuzzing.capability_commands(wide=False))
+def test_capabilities(words):
+    capabilities(words)
 
 
 def test_as_processes(tmp_path):

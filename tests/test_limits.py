@@ -121,6 +121,7 @@ def test_margin_with_cones_and_tool(mechanism):
     assert sum(verdicts) > 0 or mechanism.name == "4-ups-rps"  # nine cones at once
 
 
+@pytest.mark.slow
 def test_limits_shrink_the_workspace(mechanism):
     size = mechanism.characteristic_length(mechanism.resolve({}))
     found = [

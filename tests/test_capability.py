@@ -7,6 +7,7 @@ import pytest
 from cli_runner import error_line, here, json_answer
 from test_dynamics import MOVED, course
 
+import pmopt as package
 from pmopt.analysis.capability import Demands, Task, compute_capability
 from pmopt.analysis.dynamics import Mover
 from pmopt.analysis.settings import WorkspaceSettings
@@ -105,6 +106,17 @@ def test_volumes_shrink_with_the_motors_and_agree_with_the_share():
     assert run({"h1_rate": median.value}, threads=1).to_dict() == half.to_dict()
 
 
+def test_from_python_it_is_the_command(tmp_path):
+    found = package.capability(
+        "3-cur", motors={"h1_rate": 0.4}, payload=2.0, payload_centre=(0.0, 0.0, 0.1), speed=0.3,
+        turn=0.5, samples=16384, workspace={"domain": {"beta": (-0.3, 0.3)}},
+    )  # fmt: skip
+    words = ["--motors", "h1_rate=0.4", "--payload", 2, "--payload-centre", "0,0,0.1",
+             "--speed", 0.3, "--turn", 0.5, "--samples", 16384, "--domain", "beta=-0.3:0.3"]  # fmt: skip
+    document = json_answer("capability", "3-cur", *words, cwd=tmp_path)
+    assert found.to_dict() == document
+
+
 def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
     out = tmp_path / "run"
     document = json_answer(
@@ -115,6 +127,9 @@ def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
     assert document["share"]["standard_error"] > 0
     assert document == json.loads((out / "result.json").read_text())
     assert (out / "capability.png").read_bytes()[:4] == b"\x89PNG"
+    drawn = (out / "capability.png").read_bytes()
+    assert here("plot", out, cwd=tmp_path).returncode == 0
+    assert (out / "capability.png").read_bytes() == drawn
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["units"]["theta1_effort"] == "N m"
     for words, told in (

@@ -1,6 +1,7 @@
 """Configurations of motions: what resolves, what comes back, what is refused."""
 
 import copy
+import re
 from pathlib import Path
 
 import numpy as np
@@ -224,3 +225,22 @@ def test_anything_anywhere_resolves_or_is_refused_in_one_line(data):
     else:
         assert np.isfinite(planned.trajectory.values).all()
         assert (np.diff(planned.trajectory.t) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ({"bodies": {"platform": {"rod": {"diameter": 1e200, "length": 1.0}}}}, "mass inf kg"),
+        ({"bodies": {"platform": {"mass": 1e13}}}, "mass 1e+13 kg"),
+        ({"payload": {"mass": 1.0, "centre": [0.0, 0.0, 1e12]}}, "centre 1e+12 m"),
+        ({"payload": {"mass": 1.0, "inertia": [1e20, 1e20, 1e20]}}, "inertia 1e+20 kg m^2"),
+    ],
+)
+def test_bodies_beyond_what_can_be_told(table, told):
+    data = {
+        "mechanism": "2pauu-ppap",
+        "trajectory": {"duration": 1.0, "x": 0.0, "y": 0.0, "z": 1.5},
+        **table,
+    }
+    with pytest.raises(InputError, match=re.escape(f"{told} is not allowed: at most")):
+        resolve_motion(data, "test", Path())

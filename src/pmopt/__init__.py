@@ -17,6 +17,7 @@ from pmopt.version import __version__
 if TYPE_CHECKING:
     from pmopt.api import (
         batch,
+        capability,
         fk,
         ik,
         jacobian,
@@ -36,6 +37,7 @@ _PLACES = {
     **dict.fromkeys(
         (
             "batch",
+            "capability",
             "fk",
             "ik",
             "jacobian",
@@ -58,6 +60,7 @@ __all__ = [
     "PmoptError",
     "__version__",
     "batch",
+    "capability",
     "fk",
     "ik",
     "jacobian",

@@ -18,6 +18,7 @@ from pmopt.analysis.validation import validated
 from pmopt.mechanisms import Mechanism, find, names
 
 if TYPE_CHECKING:
+    from pmopt.analysis.capability import Capability
     from pmopt.analysis.certify import CertifiedVolume, Claim
     from pmopt.analysis.mobility import MobilityResult
     from pmopt.analysis.motion_config import MotionTask
@@ -296,6 +297,54 @@ def singularities(
         threads=threads,
         grid=grid,
     )
+
+
+def capability(
+    mechanism: str,
+    params: Params | None = None,
+    *,
+    motors: Params | None = None,
+    payload: float = 0.0,
+    payload_centre: Sequence[float] = (0.0, 0.0, 0.0),
+    samples: int = 1 << 16,
+    seed: int = 1,
+    threads: int | None = None,
+    workspace: Params | None = None,
+    **task: float,
+) -> Capability:
+    """Sample the rates and efforts that a task asks for, and where given motors suffice.
+
+    Parameters
+    ----------
+    mechanism : str
+    params : mapping, optional
+        Design parameters; those left out take their defaults.
+    motors : mapping, optional
+        ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m) that there are.
+    payload : float
+        kg, at ``payload_centre`` in the platform's frame and the length unit.
+    samples, seed, threads
+        Sample points, their seed, and threads, which change nothing.
+    workspace : mapping, optional
+        Settings of the workspace: domain, limits, working_mode.
+    **task : float
+        ``speed``, ``acceleration``, ``turn``, ``angular_acceleration``, ``force``; see
+        :class:`pmopt.analysis.capability.Task`.
+    """
+    from pmopt.analysis.capability import Task, compute_capability
+    from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.mechanisms.bodies import point_mass
+
+    found = find(mechanism)
+    load = point_mass(payload, payload_centre) if payload else None
+    return compute_capability(
+        found,
+        found.resolve(params or {}),
+        validated(WorkspaceSettings, dict(workspace or {}), "workspace"),
+        Task(**task, payload=load),
+        motors or {},
+        samples=samples, seed=seed, threads=threads,
+    )  # fmt: skip
 
 
 def motion(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> MotionRun:

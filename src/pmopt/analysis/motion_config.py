@@ -18,7 +18,15 @@ from pmopt.analysis.settings import FiniteFloat, Range
 from pmopt.analysis.validation import read_toml, validated
 from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms import Mechanism, find
-from pmopt.mechanisms.base import PLATFORM, Coordinate, Matrix, Parameters, Ranges, as_number
+from pmopt.mechanisms.base import (
+    LARGEST_COORDINATE,
+    PLATFORM,
+    Coordinate,
+    Matrix,
+    Parameters,
+    Ranges,
+    as_number,
+)
 from pmopt.mechanisms.bodies import (
     STEEL,
     Body,
@@ -38,6 +46,8 @@ Row = Triple
 Inertia = Triple | Annotated[tuple[Row, Row, Row], Field(strict=False)]
 #: Most instants of a motion.
 MAX_INSTANTS = 1_000_000
+#: kg and kg m^2: beyond them products with accelerations leave what doubles can tell.
+LARGEST_MASS, LARGEST_INERTIA = 1e12, 1e18
 #: What limits can be set on beside positions: rates and accelerations of all joints, efforts and
 #: power of actuated ones.
 RATE, ACCELERATION, EFFORT, POWER = "_rate", "_acceleration", "_effort", "_power"
@@ -420,6 +430,7 @@ def resolve_motion(data: Any, where: str, folder: Path) -> MotionTask:
             np.array(config.payload.centre),
             _tensor(config.payload.inertia, place),
         )
+        _check_size(payload, mechanism, place)
         if not bodies:
             raise InputError(f"{place}: {mechanism.name} has no bodies: [bodies] is needed")
     for name in limits:
@@ -553,6 +564,20 @@ def _tensor(given: Inertia, where: str) -> Matrix:
     return tensor
 
 
+def _check_size(body: MassProperties, mechanism: Mechanism, where: str) -> None:
+    """Refuse a body beyond what forces and energies can be told of."""
+    sizes = {
+        "mass": (body.mass, LARGEST_MASS, "kg"),
+        "centre": (float(np.abs(body.centre).max()), LARGEST_COORDINATE, mechanism.length_unit),
+        "inertia": (float(np.abs(body.inertia).max()), LARGEST_INERTIA, "kg m^2"),
+    }
+    for name, (size, largest, unit) in sizes.items():
+        if not size <= largest:
+            raise InputError(
+                f"{where}: {name} {size:.4g} {unit} is not allowed: at most {largest:g} {unit}"
+            )
+
+
 def _bodies(
     given: Mapping[str, BodySettings], declared: tuple[Body, ...], mechanism: Mechanism, where: str
 ) -> tuple[Body, ...]:
@@ -575,6 +600,7 @@ def _bodies(
         found = _shaped(settings, mechanism)
         if found is None:
             found = _properties(settings, known, place)
+        _check_size(found, mechanism, place)
         body = found.body(name, limb, joint, part, f"{where}: [bodies]")
         bodies[name] = body if known is None or moved else replace(
             known, mass=body.mass, centre=body.centre, inertia=body.inertia, source=body.source

@@ -103,7 +103,7 @@ def capability_command(
         mechanism, options.parse_coordinates(motors, "--motors"), "--motors"
     )
     notify = notifier(quiet)
-    result = capability_run.run_capability(
+    asked = capability_run.CapabilityTask(
         mechanism,
         options.design_parameters(mechanism, params),
         settings,
@@ -111,9 +111,9 @@ def capability_command(
             speed, acceleration, turn, angular_acceleration, tool_force,
             point_mass(payload, place) if payload else None,
         ),
-        motor_limits, out, samples=samples, seed=seed, force=force, threads=threads,
-        notify=notify,
+        motor_limits, samples, seed,
     )  # fmt: skip
+    result = capability_run.run_capability(asked, out, force=force, threads=threads, notify=notify)
     emit(form, result.to_dict(), capability_run.capability_tables(result))
     if out is not None:
         notify(f"written to {out}")

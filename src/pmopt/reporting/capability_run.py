@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,11 @@ from pmopt.analysis.capability import (
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
-from pmopt.mechanisms.base import Mechanism, Parameters
+from pmopt.analysis.validation import validated
+from pmopt.errors import InputError
+from pmopt.mechanisms import Mechanism, find
+from pmopt.mechanisms.base import Parameters
+from pmopt.mechanisms.bodies import point_mass
 from pmopt.reporting import plots
 from pmopt.reporting.canvas import (
     CHARACTER,
@@ -40,31 +45,92 @@ _MOST = 2.0
 _RESOLUTION = 160
 #: Red is taken.
 _SINGULAR = "#1f3bff"
+#: Fields of a :class:`Task` that are plain sizes, in order.
+_SIZES = ("speed", "acceleration", "turn", "angular_acceleration", "force")
+
+
+@dataclass(frozen=True)
+class CapabilityTask:
+    """What is asked of a mechanism's motors, and where."""
+
+    mechanism: Mechanism
+    parameters: Parameters
+    settings: WorkspaceSettings
+    task: Task
+    limits: Mapping[str, float]
+    samples: int
+    seed: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, enough to do it again."""
+        payload = self.task.payload
+        return {
+            "mechanism": self.mechanism.name,
+            "parameters": dict(self.parameters),
+            "workspace": self.settings.model_dump(mode="json"),
+            "task": {
+                **{k: getattr(self.task, k) for k in _SIZES},
+                "payload": 0.0 if payload is None else payload.mass,
+                "payload_centre": [0.0] * 3 if payload is None else payload.centre.tolist(),
+            },
+            "limits": dict(self.limits),
+            "samples": self.samples,
+            "seed": self.seed,
+        }
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any], where: str) -> CapabilityTask:
+        """Return the task a manifest describes.
+
+        Raises
+        ------
+        InputError
+        """
+        try:
+            mechanism, task = find(document["mechanism"]), document["task"]
+            payload = point_mass(float(task["payload"]), task["payload_centre"])
+            return cls(
+                mechanism,
+                mechanism.resolve(document["parameters"]),
+                validated(WorkspaceSettings, document["workspace"], where),
+                Task(
+                    **{k: float(task[k]) for k in _SIZES},
+                    payload=payload if payload.mass else None,
+                ),
+                check_limits(mechanism, document["limits"], where),
+                int(document["samples"]),
+                int(document["seed"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{where}: is no manifest of a capability run: {error}") from None
+
+
+def compute(
+    asked: CapabilityTask,
+    threads: int | None = None,
+    notify: Callable[[str], None] | None = None,
+) -> Capability:
+    """Sample demands and the capable region."""
+    return compute_capability(
+        asked.mechanism, asked.parameters, asked.settings, asked.task, asked.limits,
+        samples=asked.samples, seed=asked.seed, threads=threads, notify=notify,
+    )  # fmt: skip
 
 
 def run_capability(
-    mechanism: Mechanism,
-    parameters: Parameters,
-    settings: WorkspaceSettings,
-    task: Task,
-    limits: Mapping[str, Any],
+    asked: CapabilityTask,
     out: Path | None = None,
     *,
-    samples: int,
-    seed: int = 1,
     force: bool = False,
     threads: int | None = None,
     notify: Callable[[str], None] | None = None,
 ) -> Capability:
     """Sample demands and the capable region and, with ``out``, write the run's folder."""
     folder = RunFolder(out, force) if out is not None else None
-    result = compute_capability(
-        mechanism, parameters, settings, task, limits, samples=samples, seed=seed,
-        threads=threads, notify=notify,
-    )  # fmt: skip
+    result = compute(asked, threads, notify)
     if folder is None:
         return result
-    drawn = _pictures(mechanism, parameters, settings, result, limits, seed, threads)
+    drawn = draw_capability(asked, result, threads)
     folder.open()
     folder.write("result.json", to_json(result.to_dict()) + "\n")
     folder.write("demands.csv", to_csv(capability_tables(result)) + "\n")
@@ -73,16 +139,9 @@ def run_capability(
     folder.close(
         "capability",
         {
-            "mechanism": mechanism.name,
-            "config": {
-                "mechanism": mechanism.name,
-                "parameters": dict(parameters),
-                "workspace": settings.model_dump(mode="json"),
-                "task": result.to_dict()["task"],
-                "limits": dict(limits),
-                "samples": result.samples,
-            },
-            "seed": seed,
+            "mechanism": asked.mechanism.name,
+            "config": asked.to_dict(),
+            "seed": asked.seed,
             "resumes": [],
             "units": result.units,
         },
@@ -128,32 +187,32 @@ def capability_tables(result: Capability) -> list[Table]:
 
 def _task_text(result: Capability) -> str:
     told = result.to_dict()["task"]
-    parts = [f"{k.replace('_', ' ')} {v:.4g} {result.units[k]}" for k, v in told.items() if v]
+    parts = [
+        f"{k.replace('_', ' ')} {with_unit(f'{v:.4g}', result.units[k])}"
+        for k, v in told.items()
+        if v
+    ]
     return ", ".join(parts) or "standing still"
 
 
-def _pictures(
-    mechanism: Mechanism,
-    parameters: Parameters,
-    settings: WorkspaceSettings,
-    result: Capability,
-    limits: Mapping[str, Any],
-    seed: int,
-    threads: int | None,
+def draw_capability(
+    asked: CapabilityTask, result: Capability, threads: int | None = None
 ) -> dict[str, bytes]:
-    """Return sections that show how much of what the motors have is asked for."""
-    given = check_limits(mechanism, limits, "capability")
+    """Return sections that show how much of what the motors have is asked for, by file name."""
+    given = asked.limits
     if not given or result.reachable == 0:
         return {}
-    asked = Demands(mechanism, parameters, result.working_mode, result.task, None, threads)
-    bounds = np.array([given.get(name, np.inf) for name in asked.names])
+    demands = Demands(
+        asked.mechanism, asked.parameters, result.working_mode, asked.task, None, threads
+    )
+    bounds = np.array([given.get(name, np.inf) for name in demands.names])
 
     def used(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        share: NDArray[np.float64] = (asked.at(poses) / bounds[:, None]).max(axis=0)
+        share: NDArray[np.float64] = (demands.at(poses) / bounds[:, None]).max(axis=0)
         return share
 
-    sweeper = Sweeper(mechanism, settings, seed, threads)
-    sections = section_fields(sweeper, sweeper.design(parameters), _RESOLUTION, used)
+    sweeper = Sweeper(asked.mechanism, asked.settings, asked.seed, threads)
+    sections = section_fields(sweeper, sweeper.design(asked.parameters), _RESOLUTION, used)
     return {
         f"capability{f'_{k // 3 + 1}' if k else ''}.png": _draw(sections[k : k + 3], result, given)
         for k in range(0, len(sections), 3)

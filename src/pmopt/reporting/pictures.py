@@ -149,6 +149,11 @@ def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
 
             moved = resolve_motion(manifest["config"], str(folder), folder)
             return draw_motion(run_motion(moved, threads=threads).motion, moved.mechanism)
+        if manifest["command"] == "capability":
+            from pmopt.reporting.capability_run import CapabilityTask, compute, draw_capability
+
+            asked = CapabilityTask.from_dict(manifest["config"], str(folder))
+            return draw_capability(asked, compute(asked, threads), threads)
         if manifest["command"] == "simulate":
             from pmopt.analysis.motion_config import resolve_motion
             from pmopt.reporting.simulate_run import draw_run, run_simulation

@@ -111,8 +111,22 @@ def test_from_python_it_is_the_command(tmp_path):
         "3-cur", motors={"h1_rate": 0.4}, payload=2.0, payload_centre=(0.0, 0.0, 0.1), speed=0.3,
         turn=0.5, samples=16384, workspace={"domain": {"beta": (-0.3, 0.3)}},
     )  # fmt: skip
-    words = ["--motors", "h1_rate=0.4", "--payload", 2, "--payload-centre", "0,0,0.1",
-             "--speed", 0.3, "--turn", 0.5, "--samples", 16384, "--domain", "beta=-0.3:0.3"]  # fmt: skip
+    words = [
+        "--motors",
+        "h1_rate=0.4",
+        "--payload",
+        2,
+        "--payload-centre",
+        "0,0,0.1",
+        "--speed",
+        0.3,
+        "--turn",
+        0.5,
+        "--samples",
+        16384,
+        "--domain",
+        "beta=-0.3:0.3",
+    ]
     document = json_answer("capability", "3-cur", *words, cwd=tmp_path)
     assert found.to_dict() == document
 

@@ -142,6 +142,19 @@ def eliminate(a, b, n):
     return determinant
 
 
+def write_axes(x0, x1, x2, z0, z1, z2, frame):
+    """Write the rotation whose first and last columns are given, both unit and perpendicular."""
+    frame[3] = x0
+    frame[4] = z1 * x2 - z2 * x1
+    frame[5] = z0
+    frame[6] = x1
+    frame[7] = z2 * x0 - z0 * x2
+    frame[8] = z1
+    frame[9] = x2
+    frame[10] = z0 * x1 - z1 * x0
+    frame[11] = z2
+
+
 def link_frame(stance, joints, j, unit, before, frame):
     """Write origin and axes (rows of 3) of the link after joint j; see pmopt.mechanisms.bodies.
 
@@ -195,15 +208,7 @@ def link_frame(stance, joints, j, unit, before, frame):
     x0 *= size
     x1 *= size
     x2 *= size
-    frame[3] = x0
-    frame[4] = z1 * x2 - z2 * x1
-    frame[5] = z0
-    frame[6] = x1
-    frame[7] = z2 * x0 - z0 * x2
-    frame[8] = z1
-    frame[9] = x2
-    frame[10] = z0 * x1 - z1 * x0
-    frame[11] = z2
+    write_axes(x0, x1, x2, z0, z1, z2, frame)
 
 
 def bar_frame(stance, joints, j, unit, frame):
@@ -217,15 +222,7 @@ def bar_frame(stance, joints, j, unit, frame):
     z2 *= size
     for k in range(3):
         frame[k] = stance[own + k] * unit
-    frame[3] = x0
-    frame[4] = z1 * x2 - z2 * x1
-    frame[5] = z0
-    frame[6] = x1
-    frame[7] = z2 * x0 - z0 * x2
-    frame[8] = z1
-    frame[9] = x2
-    frame[10] = z0 * x1 - z1 * x0
-    frame[11] = z2
+    write_axes(x0, x1, x2, z0, z1, z2, frame)
 
 
 def columns_of(stance, joints, unit, screws):

@@ -72,3 +72,15 @@ def test_nobody_waits_at_the_end(monkeypatch):
         list(ordered_map(work, range(9), 2))
     assert ended == []
     free.set()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_an_error_of_the_source_comes_after_the_results_before_it(threads):
+    def source():
+        yield from range(50)
+        raise ValueError("no more")
+
+    got = []
+    with pytest.raises(ValueError, match="no more"):
+        got.extend(ordered_map(lambda item: time.sleep(1e-4) or item, source(), threads))
+    assert got == list(range(50))

@@ -127,6 +127,12 @@ class _Crew(Generic[Item, Result]):
             except StopIteration:
                 self._left = True
                 return False
+            except Exception as caught:  # the reader raises it, in its turn
+                self._left = True
+                self._done[self._taken] = None, caught
+                self._taken += 1
+                self._changed.notify_all()
+                return True
             number = self._taken
             self._taken += 1
         result = error = None

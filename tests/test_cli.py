@@ -167,6 +167,10 @@ def test_info(tmp_path):
     ]  # fmt: skip
     assert document["working_modes"] == MODES
     assert "limits" in document
+    bodies = {b["name"]: b for b in document["bodies"]}
+    assert bodies["platform"]["limb"] == "platform"
+    assert bodies["limb 1 link"]["mass"] > 0
+    assert document["units"]["mass"] == "kg"
     assert [r["name"] for r in csv_answer("info", MECH, cwd=tmp_path)] == [
         p["name"] for p in document["parameters"]
     ]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from pmopt.mechanisms.base import PLATFORM
 from pmopt.reporting.table import Cell, Table, with_error
 from pmopt.units import ONE
 
@@ -69,6 +70,18 @@ def mechanism_document(m: Mechanism) -> dict[str, Any]:
         "limits": limits,
         "jacobian": m.default_jacobian,
         "characteristic_length": m.length_meaning,
+        "bodies": [
+            {
+                "name": body.name,
+                "limb": "platform" if body.limb == PLATFORM else m.limbs[body.limb].name,
+                "mass": body.mass,
+                "centre": body.centre.tolist(),
+                "inertia": body.inertia.tolist(),
+                "source": body.source,
+            }
+            for body in m.bodies(parameters)
+        ],
+        "units": {"mass": "kg", "centre": m.length_unit, "inertia": "kg m^2"},
     }
 
 
@@ -107,6 +120,11 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
     defaults = m.resolve({})
     home = ", ".join(f"{c.name} = {m.home(defaults)[c.name]:.6g} {m.unit(c)}" for c in m.pose)
     limits = "; ".join(_default_limits(m)) or "none on joints unless given"
+    bodies: tuple[tuple[Cell, ...], ...] = tuple(
+        (body.name, body.mass, *(float(body.inertia[k, k]) for k in range(3)), body.source)
+        for body in m.bodies(defaults)
+    )
+    moments = ("Ixx", "Iyy", "Izz")
     return [
         Table(f"{m.title}: {m.description}", names, parameters, {},
               (f"source: {m.source}", f"limits: {limits}", f"home: {home}")),
@@ -114,6 +132,10 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
         Table("Limbs", ("limb", "joints", "description"),
               tuple((x.name, x.joints, x.description) for x in m.limbs), {},
               (modes, f"LCI: {m.default_jacobian} by default; homogenized by {m.length_meaning}")),
+        *([Table("Bodies, at the default dimensions", ("body", "mass", *moments, "source"), bodies,
+                 {"mass": "kg", **dict.fromkeys(moments, "kg m^2")},
+                 ("moments about the centre of mass, along the axes of the body's link",))]
+          if bodies else []),
     ]  # fmt: skip
 
 

@@ -153,3 +153,18 @@ def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
         (["--payload-centre", "1,2"], "is no X,Y,Z"),
     ):
         assert told in error_line(here("capability", "2uu-upu", *words, cwd=tmp_path))
+
+
+def test_a_workspace_of_nothing_or_next_to_nothing(tmp_path):
+    for params in ("m=100", "n=0.85,l1=0.0083,c=0.082,m=1.131"):
+        words = ("capability", "2pauu-ppap", "--params", params, "--samples", "2000", "--motors",
+                 "theta1_rate=3")  # fmt: skip
+        document = json_answer(*words, cwd=tmp_path)
+        assert document["reachable"] == 0
+        assert document["share"] == {"value": None, "standard_error": None}
+        told = here(*words, cwd=tmp_path)
+        assert "nothing of it was met" in told.stdout
+        assert "nan" not in told.stdout
+    few = json_answer("capability", "3-cur", "--domain", "beta=0:1e-9,z=0.49:1", "--samples", "16",
+                      cwd=tmp_path)  # fmt: skip
+    assert few["volume"]["value"] >= 0

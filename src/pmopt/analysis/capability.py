@@ -115,12 +115,11 @@ class Capability:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
 
+        def finite(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
         def told(estimate: Estimate) -> dict[str, float | None]:
-            finite = math.isfinite(estimate.value)
-            return {
-                "value": estimate.value if finite else None,
-                "standard_error": estimate.error if finite else None,
-            }
+            return {"value": finite(estimate.value), "standard_error": finite(estimate.error)}
 
         payload = self.task.payload
         return {

@@ -282,7 +282,7 @@ class Mover:
             efforts=efforts,
             kinetic=energies[:, 0],
             potential=energies[:, 1],
-            centres=centres.reshape(count, -1, 3, 3),
+            centres=centres.reshape(count, len(self.bodies), 3, 3),
             mass_matrix=matrix,
             inverse_jacobian=inverse,
             valid=valid.astype(bool),

@@ -171,11 +171,15 @@ def capability_tables(result: Capability) -> list[Table]:
     units = {"volume": unit, "volume_error": unit}
     task = _task_text(result)
     percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
+    kept = (
+        f"all limits are kept in {format_estimate(result.capable)} {unit}, {percent} % of it"
+        if result.reachable
+        else "nothing of it was met"
+    )
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
         f"task: {task}, in any direction",
-        f"reachable volume {format_estimate(result.volume)} {unit}; all limits are kept in "
-        f"{format_estimate(result.capable)} {unit}, {percent} % of it",
+        f"reachable volume {format_estimate(result.volume)} {unit}; {kept}",
     ]
     return [
         Table(

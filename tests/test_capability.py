@@ -156,15 +156,13 @@ def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
 
 
 def test_a_workspace_of_nothing_or_next_to_nothing(tmp_path):
-    for params in ("m=100", "n=0.85,l1=0.0083,c=0.082,m=1.131"):
-        words = ("capability", "2pauu-ppap", "--params", params, "--samples", "2000", "--motors",
-                 "theta1_rate=3")  # fmt: skip
-        document = json_answer(*words, cwd=tmp_path)
-        assert document["reachable"] == 0
-        assert document["share"] == {"value": None, "standard_error": None}
-        told = here(*words, cwd=tmp_path)
-        assert "nothing of it was met" in told.stdout
-        assert "nan" not in told.stdout
-    few = json_answer("capability", "3-cur", "--domain", "beta=0:1e-9,z=0.49:1", "--samples", "16",
-                      cwd=tmp_path)  # fmt: skip
-    assert few["volume"]["value"] >= 0
+    words = ("capability", "2pauu-ppap", "--samples", "2000", "--motors", "theta1_rate=3")
+    document = json_answer(*words, "--params", "m=100", cwd=tmp_path)
+    assert document["reachable"] == 0
+    assert document["share"] == {"value": None, "standard_error": None}
+    told = here(*words, "--params", "m=100", cwd=tmp_path)
+    assert "nothing of it was met" in told.stdout
+    assert "nan" not in told.stdout
+    # Some replicates meet none of it.
+    few = json_answer(*words, "--params", "n=0.85,l1=0.0083,c=0.082,m=1.131", cwd=tmp_path)
+    assert 0 < few["reachable"] < 100

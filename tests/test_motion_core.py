@@ -134,3 +134,18 @@ def test_a_body_on_a_joint_that_is_not_there_is_refused():
         compute_motion(
             find("3-cur"), None, Trajectory("task", T, *course("3-cur", T)), bodies=(body,)
         )
+
+
+def test_gimbal_lock_is_told_apart_from_a_singularity():
+    """Pitch at 90 degrees: the platform is held, its angles do not tell how it moves."""
+    zero, quarter = np.zeros_like(T), np.pi / 2
+    values = np.stack([zero + 0.3, quarter * T, zero + 0.2, zero + 60.0], axis=1)
+    rates = np.stack([zero, zero + quarter, zero, zero], axis=1)
+    trajectory = Trajectory("task", T, values, rates, np.zeros_like(values))
+    wide = {f"l{k}": (1.0, 1000.0) for k in range(1, 5)}
+    for efforts in (True, False):
+        motion = compute_motion(find("3-ups-sp"), None, trajectory, limits=wide, efforts=efforts)
+        lock = [span for span in motion.infeasible if span.what == "coordinates"]
+        assert [(span.first, span.last) for span in lock] == [(40, 40)]
+        assert np.isnan(motion.joints.values[40]).all()
+        assert np.isfinite(motion.joints.rates[39]).all()

@@ -285,7 +285,9 @@ class Mover:
             centres=centres.reshape(count, len(self.bodies), 3, 3),
             mass_matrix=matrix,
             inverse_jacobian=inverse,
-            valid=valid.astype(bool),
+            valid=valid.astype(bool)
+            & np.isfinite(platform).all(axis=(1, 2))
+            & np.isfinite(moved).all(axis=(1, 2)),
         )
         for item in fields(state):
             values = getattr(state, item.name)

@@ -213,8 +213,9 @@ def compute_motion(
     spans += _out_of_reach(mechanism, parameters, mode, design.limits, poses, out, margin)
     feasible = known & ~out
     state = mover.state(np.where(feasible[:, None], poses, np.nan), rates, accelerations)
-    singular = _singular(state, feasible, index, trajectory.t)
     told = feasible & state.valid
+    spans += _untold(feasible & ~state.valid)
+    singular = _singular(state, told, index, trajectory.t)
     if efforts:
         told &= index >= SINGULAR
         spans += singular
@@ -386,6 +387,15 @@ def _limit_missed(
     return "reach", 0.0, length, "at the very end of the reach"
 
 
+def _untold(lost: NDArray[np.bool_]) -> list[Span]:
+    """Return where poses are reached but do not tell how the mechanism moves."""
+    text = (
+        "the pose's angles do not tell the motion (pitch at 90 degrees), or joints of a limb are "
+        "dependent there"
+    )
+    return [Span(a, b, a, "coordinates", 0.0, "rad", text) for a, b in stretches(lost)]
+
+
 def _singular(
     state: State,
     feasible: NDArray[np.bool_],
@@ -393,7 +403,7 @@ def _singular(
     t: Vector,
 ) -> list[Span]:
     """Return where the motion meets a forward singularity, at an instant or between two."""
-    near = feasible & (~state.valid | (index < SINGULAR))
+    near = feasible & (index < SINGULAR)
     words = "a singularity: the actuated joints do not hold the platform, efforts have no bound"
     spans = [
         Span(a, b, a, "singularity", float(index[a]), "1", f"LCI = {index[a]:.3g}: {words}")

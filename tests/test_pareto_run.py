@@ -321,9 +321,9 @@ def test_another_seed_gives_other_designs(finished, tmp_path):
 # --- resuming -----------------------------------------------------------------------------
 
 
-def start(folder, *options):
+def start(folder, *options, generations=LONG):
     """Start a long run as a process beside its folder."""
-    (folder.parent / "test.toml").write_text(text_of(generations=LONG))
+    (folder.parent / "test.toml").write_text(text_of(generations=generations))
     return subprocess.Popen(
         [*COMMAND, "pareto", "test.toml", "--out", folder.name, "--quiet", *options],
         cwd=folder.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -395,7 +395,8 @@ def test_interrupted_while_it_starts(tmp_path):
     def interrupted(number):
         folder = tmp_path / str(number) / "run"
         folder.parent.mkdir()
-        process = start(folder)
+        # As a whole it takes longer than the second after which a lost interruption comes again.
+        process = start(folder, generations=20 * LONG)
         while not catches_sigterm(process):
             time.sleep(0.002)
         time.sleep(chance.uniform(0, 0.8))

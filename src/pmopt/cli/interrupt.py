@@ -3,7 +3,7 @@
 Raised at any moment, an exception can be lost: Python ignores it in a weak reference's callback,
 and importing runs one for every module while it holds the import lock, which then is held for
 good and stops every thread that imports. So it waits while that lock is held, and is raised again
-a second later if the command is still running.
+where Python says that it ignored it, and a second later if the command is still running.
 
 Threads may be seconds inside compiled code or a compiler. Nobody waits for them: what a run has
 reached is on disk, and the process ends beside them.
@@ -36,8 +36,10 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 
 
 def _lost(lost: Any) -> None:
-    """Say nothing of an interruption that Python ignored: it comes again."""
-    if not isinstance(lost.exc_value, Interrupted):
+    """Say nothing of an interruption that Python ignored: it comes again at once."""
+    if isinstance(lost.exc_value, Interrupted):
+        signal.setitimer(signal.ITIMER_REAL, _SOON)
+    else:
         sys.__unraisablehook__(lost)
 
 

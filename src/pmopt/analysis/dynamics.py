@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -294,13 +294,3 @@ class Mover:
             if item.name != "valid":
                 values[~state.valid] = np.nan
         return state
-
-
-def named(bodies: Sequence[Body]) -> Mapping[str, Body]:
-    """Return bodies by name; a name given twice is an error."""
-    found: dict[str, Body] = {}
-    for body in bodies:
-        if body.name in found:
-            raise InputError(f"bodies: {body.name!r} is given twice")
-        found[body.name] = body
-    return found

@@ -232,7 +232,7 @@ KNOWN = {
     ),
     ("algorithm",): (
         "name", "population", "generations", "crossover_eta", "crossover_probability",
-        "mutation_eta", "seed",
+        "mutation_eta", "seed", "reference",
     ),
     ("constraints",): ("volume", "gci"),
     ("final",): ("target_error",),

@@ -36,9 +36,22 @@ def measure_unit(kinds: Iterable[Kind], length_unit: LengthUnit) -> str:
     return " ".join(parts)
 
 
+def product_unit(units: Iterable[str]) -> str:
+    """Return the unit of a product: ``m^3`` times ``m^2`` is ``m^5``."""
+    counts: Counter[str] = Counter()
+    for unit in units:
+        for part in unit.split():
+            symbol, _, exponent = part.partition("^")
+            counts[symbol] += int(exponent or 1)
+    del counts[ONE]
+    return " ".join(s if n == 1 else f"{s}^{n}" for s, n in counts.items()) or ONE
+
+
 def pretty(unit: str) -> str:
     """Return the unit as pictures show it: ``m^3`` becomes ``m³``."""
-    return unit.translate({ord("^"): None, ord("2"): "²", ord("3"): "³", ord("4"): "⁴"})
+    return unit.translate(
+        {ord("^"): None, ord("2"): "²", ord("3"): "³", ord("4"): "⁴", ord("5"): "⁵", ord("6"): "⁶"}
+    )
 
 
 def per_second(unit: str, order: int = 1) -> str:

@@ -114,13 +114,7 @@ def measure_projection(
     points = sweeper.for_purpose(f"{sweeper.purpose}, projection").sequence(_REPLICATES)
     count = max(1, samples // _REPLICATES // BLOCK) * BLOCK
     parts = [replicate(points, r) for r in range(_REPLICATES)]
-    footprint = _footprint(
-        list(
-            ordered_map(
-                lambda part: hull(sweeper.outline(design, part, 0, count)), parts, sweeper.threads
-            )
-        )
-    )
+    footprint = measure_footprint(sweeper, design, points, count)
     if positions_are_poses(sweeper, design):
         if known is None:
             sums = sweeper.tally([design], sweeper.sequence(16), 0, max(count // 4, 1))
@@ -166,10 +160,31 @@ def measure_projection(
     return Projection(volume, footprint, shape, grid)
 
 
+def measure_footprint(sweeper: Sweeper, design: Design, points: Sequence, count: int) -> Estimate:
+    """Measure the floor area needed; NaN where no pose of the sample is reachable.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    points : Sequence
+        Of some replicates.
+    count : int
+        Points of each.
+    """
+    parts = [replicate(points, r) for r in range(points.replicates)]
+    ends = list(
+        ordered_map(lambda part: sweeper.outline(design, part, 0, count), parts, sweeper.threads)
+    )
+    if not any(map(len, ends)):
+        return Estimate(math.nan, math.nan)
+    return _footprint([hull(corners) for corners in ends])
+
+
 def _footprint(corners: list[NDArray[np.float64]]) -> Estimate:
     """Return the area of the hull of points from the hulls of parts of them."""
-    areas = np.array([_area(c) for c in corners])
-    whole = _area(hull(np.concatenate(corners)))
+    areas = np.array([area(c) for c in corners])
+    whole = area(hull(np.concatenate(corners)))
     # A hull of points is too small: what four times the points have added, they will add again.
     missing = whole - float(areas.mean())
     return Estimate(
@@ -177,7 +192,7 @@ def _footprint(corners: list[NDArray[np.float64]]) -> Estimate:
     )
 
 
-def _area(corners: NDArray[np.float64]) -> float:
+def area(corners: NDArray[np.float64]) -> float:
     """Return the area of a polygon, 0 of fewer than three corners."""
     u, v = corners.T
     return float(np.abs(u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2)

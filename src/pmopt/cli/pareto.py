@@ -78,8 +78,12 @@ def pareto_command(
 @contextmanager
 def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, OnMeasured]]:
     """Show generation, front size, hypervolume and time left: a bar, or a line now and then."""
+    from pmopt.synthesis.config import objective_units
+    from pmopt.units import product_unit
+
     planned = config.algorithm.generations
-    unit = find(config.mechanism).volume_unit
+    units = objective_units(find(config.mechanism))
+    unit = product_unit(units[name] for name in config.objectives)
     first: tuple[int, float] | None = None  # first generation computed here, and when
 
     with progress_bar(quiet, "generation", "") as report:

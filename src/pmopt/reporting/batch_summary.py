@@ -129,6 +129,7 @@ class BatchResult:
         counts = ", ".join(f"{count} {status}" for status, count in self.counts.items())
         notes = [f"{run.name}: {run.message}" for run in self.runs if run.message]
         notes.append(f"{counts or 'none'} of {len(self.runs)} runs")
+        notes += self._references()
         groups: dict[tuple[str, ...], list[RunSummary]] = {}
         for run in self.runs:
             groups.setdefault(self._columns_of(run), []).append(run)
@@ -137,6 +138,20 @@ class BatchResult:
             self._of_group(runs, tuple(notes) if number == last else ())
             for number, runs in enumerate(groups.values())
         ] or [Table(f"Batch in {self.folder}", ("name", "status"), (), {}, tuple(notes))]
+
+    def _references(self) -> list[str]:
+        """Say where hypervolumes of one mechanism are from different references."""
+        found: dict[tuple[str, str], set[Any]] = {}
+        for run in self.runs:
+            for key, value in run.results.values.items():
+                if key.startswith("reference_"):
+                    found.setdefault((run.mechanism, key), set()).add(value)
+        return [
+            f"{mechanism}: hypervolumes are from different references ({name}), since the bounds "
+            "differ: they do not compare; algorithm.reference fixes one"
+            for (mechanism, name), values in found.items()
+            if len(values) > 1
+        ]
 
     def _columns_of(self, run: RunSummary) -> tuple[str, ...]:
         """Return the command and the names of results; without any, those of a run like it."""

@@ -131,7 +131,10 @@ def run_pareto(
             folder.write("evaluations.csv", to_csv(tables["evaluations"]))
             folder.put()
         raise
-    front = measure_front(problem, optimisation.candidates, optimisation.reference, on_measured)
+    front = measure_front(
+        problem, optimisation.candidates, optimisation.reference, generations[-1].hypervolume,
+        on_measured,
+    )  # fmt: skip
     if not front.designs:
         raise InfeasibleError(
             "no feasible design: none of the search's front keeps the constraints when measured "
@@ -142,6 +145,9 @@ def run_pareto(
     if folder is not None:
         resumes = checkpoint.resumes if checkpoint else []
         write_run(folder, config, front, tables, resumes, problem.failures)
+    for line in front.remarks():
+        if notify:
+            notify(line)
     if problem.failures and notify:
         reasons = "; ".join(f"{why} ({n})" for why, n in problem.failures.items())
         notify(f"{sum(problem.failures.values())} designs could not be evaluated: {reasons}")

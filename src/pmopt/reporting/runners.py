@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -49,7 +50,7 @@ class Results(NamedTuple):
 
     def unit(self, name: str) -> str:
         """Return the unit of a result, which is that of its quantity."""
-        quantity = name.removeprefix("best_").removeprefix("knee_").removesuffix("_error")
+        quantity = re.sub("^(best|knee|reference)_", "", name).removesuffix("_error")
         return self.units.get(quantity, ONE)
 
     def shown(self, name: str, unit: bool = True) -> str:
@@ -228,6 +229,9 @@ class ParetoRunner(Runner):
             "designs": found["designs"],
             "hypervolume": found["hypervolume"],
         }
+        for name in names:
+            if SENSES[name] < 0:  # 0 for what is maximised
+                values[f"reference_{name}"] = found["reference_point"][name]
         for name in names:
             best = max(front, key=lambda row: SENSES[name] * float(row[name]))
             values[f"best_{name}"] = float(best[name])

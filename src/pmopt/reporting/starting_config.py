@@ -58,6 +58,7 @@ generations = 200
 crossover_eta = 20
 mutation_eta = 20
 seed = 1
+# reference = {{ volume = 0.0, gci = 0.0 }}  # what hypervolumes are measured from; the default
 
 [constraints]
 # gci = {{ min = 0.2 }}

@@ -13,6 +13,7 @@ from pmopt.analysis.validation import read_toml, validated
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.base import as_number
+from pmopt.units import ONE, measure_unit
 
 Objective = Literal["volume", "gci", "projected_volume", "footprint"]
 #: +1 for what is maximised, -1 for what is minimised.
@@ -23,6 +24,17 @@ SEARCH_SAMPLES = 20_000
 SEARCH_ON_LINES = 1 << 12
 #: What ``samples`` may say instead of a number, and the default.
 ADAPTIVE = "adaptive"
+
+
+def objective_units(mechanism: Mechanism) -> dict[str, str]:
+    """Return the unit of everything that can be an objective."""
+    length = mechanism.length_unit
+    return {
+        "volume": mechanism.volume_unit,
+        "gci": ONE,
+        "projected_volume": measure_unit(["length"] * 3, length),
+        "footprint": measure_unit(["length"] * 2, length),
+    }
 
 
 class AlgorithmSettings(BaseModel):
@@ -37,6 +49,7 @@ class AlgorithmSettings(BaseModel):
     crossover_probability: FiniteFloat = Field(default=0.9, ge=0, le=1)
     mutation_eta: FiniteFloat = Field(default=20.0, gt=0)
     seed: int = Field(default=1, ge=0, lt=2**63)
+    reference: dict[Objective, FiniteFloat] = Field(default_factory=dict)
 
 
 class ConstraintSettings(BaseModel):
@@ -114,6 +127,12 @@ class RunConfig(BaseModel):
                 f"objectives {list(self.objectives)} must be at least two different ones of "
                 f"{', '.join(SENSES)}"
             )
+        for name in self.algorithm.reference:
+            if name not in self.objectives:
+                raise ValueError(
+                    f"algorithm.reference: {name} is no objective of this search, allowed: "
+                    f"{', '.join(self.objectives)}"
+                )
         return self
 
 

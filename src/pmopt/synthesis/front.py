@@ -17,6 +17,7 @@ from pmopt.analysis.workspace import number
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.optimise import hypervolume
 from pmopt.synthesis.problem import DesignProblem
+from pmopt.units import ONE
 
 #: Idle directions: random designs, most corners of the bounds, step of the differences as a share
 #: of each range, share of the steepest response below which a direction is a candidate, and
@@ -60,6 +61,8 @@ class Front:
         Designs that the search offered and the finer measurement found dominated or infeasible.
     hypervolume : float
         From the reference point.
+    searched : float
+        The same at the end of the search, before the designs were measured finely.
     reference : tuple of float
     senses : tuple of int
         +1 for objectives to maximise, -1 for those to minimise.
@@ -73,6 +76,7 @@ class Front:
     designs: tuple[FrontDesign, ...]
     dropped: int
     hypervolume: float
+    searched: float
     reference: tuple[float, ...]
     senses: tuple[int, ...]
     idle: tuple[dict[str, float], ...]
@@ -89,6 +93,28 @@ class Front:
             return self.designs[len(self.designs) // 2]
         return self.designs[int(np.argmax(((values - values.min(axis=0)) / span).sum(axis=1)))]
 
+    def beyond(self) -> dict[str, int]:
+        """Return how many designs are not better than the reference point, by objective."""
+        names = list(self.designs[0].objectives)
+        values = np.array([[d.objectives[k] for k in names] for d in self.designs])
+        lost = (values - self.reference) * self.senses < 0
+        return {k: int(n) for k, n in zip(names, lost.sum(axis=0), strict=True) if n}
+
+    def remarks(self) -> list[str]:
+        """Return a line for what may surprise in the hypervolume."""
+        unit = "" if self.units["hypervolume"] == ONE else f" {self.units['hypervolume']}"
+        lines = [
+            f"{count} of {len(self.designs)} designs do not count in the hypervolume: their "
+            f"{name} is beyond the reference (algorithm.reference)"
+            for name, count in self.beyond().items()
+        ]
+        if abs(self.hypervolume - self.searched) > 1e-6 * abs(self.searched):
+            lines.append(
+                f"hypervolume {self.hypervolume:.6g}{unit}: the front was measured again, finely; "
+                f"on the search's samples it was {self.searched:.6g}{unit}"
+            )
+        return lines
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         names = list(self.designs[0].objectives)
@@ -96,6 +122,7 @@ class Front:
             "designs": len(self.designs),
             "dropped": self.dropped,
             "hypervolume": number(self.hypervolume),
+            "search_hypervolume": number(self.searched),
             "reference_point": dict(zip(names, self.reference, strict=True)),
             "knee": self.knee.to_dict(),
             "ends": [self.designs[0].to_dict(), self.designs[-1].to_dict()],
@@ -108,6 +135,7 @@ def measure_front(
     problem: DesignProblem,
     variables: NDArray[np.float64],
     reference: tuple[float, ...],
+    searched: float,
     progress: Callable[[int, int], None] | None = None,
 ) -> Front:
     """Measure the designs of a front to the final target error and keep the non-dominated.
@@ -118,6 +146,8 @@ def measure_front(
     variables : (N, v) float64
     reference : tuple of float
         Point the hypervolume is measured from.
+    searched : float
+        Hypervolume at the end of the search.
     progress : callable, optional
     """
     import moocore
@@ -157,6 +187,7 @@ def measure_front(
         designs=designs,
         dropped=len(variables) - len(designs),
         hypervolume=hypervolume(values[order], problem.senses, reference) if len(designs) else 0.0,
+        searched=searched,
         reference=reference,
         senses=tuple(problem.senses.tolist()),
         idle=idle_directions(problem, variables),

@@ -15,6 +15,7 @@ from pmopt.errors import InfeasibleError, PmoptError
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.nsga2 import Nsga2
 from pmopt.synthesis.problem import MIN_LCI, REACHABLE, DesignProblem, Evaluations
+from pmopt.synthesis.reference import reference_point
 from pmopt.units import ONE
 
 #: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
@@ -178,24 +179,8 @@ class Optimisation:
         self._population: Evaluations | None = None
         #: All that was measured with the current number of samples.
         self._compared: list[Evaluations] = []
-        self._reference: tuple[float, ...] | None = None
-
-    @property
-    def reference(self) -> tuple[float, ...]:
-        """Point the hypervolume is measured from.
-
-        It is 0 for what is maximised, which nothing falls below, and for what is minimised the
-        largest value among the first feasible designs.
-        """
-        if self._reference is None:
-            return tuple(np.where(self.problem.senses > 0, 0.0, np.nan).tolist())
-        return self._reference
-
-    def _refer(self, evaluated: Evaluations) -> None:
-        """Fix the reference point as soon as there is a feasible design."""
-        if self._reference is None and evaluated.feasible.any():
-            worst = evaluated.values[evaluated.feasible].max(axis=0)
-            self._reference = tuple(np.where(self.problem.senses > 0, 0.0, worst).tolist())
+        #: Point the hypervolume is measured from.
+        self.reference = reference_point(problem)
 
     def generations(self, recorded: list[Record] | None = None) -> Iterator[Generation]:
         """Run, yielding after each generation; recorded ones are told without evaluation.
@@ -218,7 +203,6 @@ class Optimisation:
                 return  # every offspring repeats a known design
             told = next(known, None)
             evaluated = self._measured(number, variables, samples, told.evaluated if told else None)
-            self._refer(evaluated)
             merged = evaluated
             if self._population is not None:
                 merged = Evaluations.join([self._population, evaluated])

@@ -26,9 +26,9 @@ from pmopt.errors import InputError, PmoptError, UnreachableError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.base import Parameters
 from pmopt.numerics.sequences import Sequence as Points
-from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig
+from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig, objective_units
 from pmopt.threads import ordered_map
-from pmopt.units import ONE, measure_unit
+from pmopt.units import ONE, product_unit
 
 if TYPE_CHECKING:
     from pmopt.cluster import Cluster
@@ -132,10 +132,11 @@ class DesignProblem:
         self.sweeper = make_sweeper(
             self.mechanism, config.workspace, config.algorithm.seed, threads, notify
         )
-        self._alone = copy.copy(self.sweeper)  # for work that is itself shared over threads
-        self._alone.threads = 1
+        #: The sweeper for work that is itself shared over threads.
+        self.alone = copy.copy(self.sweeper)
+        self.alone.threads = 1
         self._sequences: dict[int, Points] = {}
-        self._final = self._alone.for_purpose("front samples")
+        self._final = self.alone.for_purpose("front samples")
         ranges = {k: v for k, v in config.parameters.items() if isinstance(v, tuple)}
         self.variables = list(ranges)
         self.lower = np.array([low for low, _ in ranges.values()])
@@ -172,21 +173,13 @@ class DesignProblem:
     @property
     def units(self) -> dict[str, str]:
         """Unit by column name."""
-        unit = self.mechanism.volume_unit
         units = {p.name: self.mechanism.unit(p) for p in self.mechanism.parameters}
-        length = self.mechanism.length_unit
-        measures = {
-            "volume": unit,
-            "gci": ONE,
-            "projected_volume": measure_unit(["length"] * 3, length),
-            "footprint": measure_unit(["length"] * 2, length),
-        }
+        measures = objective_units(self.mechanism)
         for name, one in measures.items():
             suffixes = ("", "_error", "_best", "_min", "_max")
             units |= {f"{name}{suffix}": one for suffix in suffixes}
         units |= dict.fromkeys((REACHABLE, MIN_LCI, "share", "share_error", "lower", "upper"), ONE)
-        parts = [measures[name] for name in self.objectives if measures[name] != ONE]
-        return units | {"hypervolume": " ".join(parts) or ONE}
+        return units | {"hypervolume": product_unit(measures[name] for name in self.objectives)}
 
     def parameters(self, row: NDArray[np.float64]) -> dict[str, float | None]:
         """Return a design's complete parameters, in the mechanism's order."""
@@ -229,7 +222,7 @@ class DesignProblem:
         for row in evaluated.variables[np.isnan(evaluated.values).any(axis=1)]:
             design = self.design(row)
             if self._projects:
-                self._project(self._alone, design, FIRST_SAMPLES)
+                self._project(self.alone, design, FIRST_SAMPLES)
 
     def evaluate(self, variables: NDArray[np.float64], samples: int | None = None) -> Evaluations:
         """Evaluate a whole population.
@@ -308,7 +301,7 @@ class DesignProblem:
                 yield part
 
         parts = ordered_map(
-            lambda part: self._alone.tally_population(part, sequence, points),
+            lambda part: self.alone.tally_population(part, sequence, points),
             ready(),
             self.sweeper.threads,
         )
@@ -337,7 +330,7 @@ class DesignProblem:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
         found = list(
             ordered_map(
-                lambda design: self._project(self._alone, design, samples),
+                lambda design: self._project(self.alone, design, samples),
                 designs,
                 self.sweeper.threads,
             )

@@ -11,6 +11,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.continuity import (
+    angle_columns,
+    beyond_limits,
+    continuous,
+    given_turns,
+    in_limits,
+)
 from pmopt.analysis.dynamics import Mover, State, angular_motion
 from pmopt.analysis.kinematics import forward_kinematics, of_limb
 from pmopt.analysis.settings import WorkspaceSettings
@@ -219,19 +226,137 @@ def compute_motion(
     if efforts:
         told &= index >= SINGULAR
         spans += singular
+    pose = Course(mechanism.pose, poses, rates, accelerations)
+    courses = _Courses(mover, trajectory, pose, state, told)
+    turned, beyond = courses.limited(design.limits)
+    spans += beyond
+    for span in beyond:
+        told[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
     return _assemble(
-        mechanism, parameters, mode, trajectory.t, (poses, rates, accelerations), state, told,
-        massive, mover, tuple(spans), tuple(singular),
+        parameters, mode, trajectory.t, pose, turned, state, told, massive, mover, tuple(spans),
+        tuple(singular),
     )  # fmt: skip
 
 
+class _Courses:
+    """Joints and parasitic coordinates along a motion, angles without jumps by a turn.
+
+    Parameters
+    ----------
+    mover : Mover
+    trajectory : Trajectory
+    pose : Course
+        Of the motion.
+    state : State
+        At its poses.
+    told : (N,) bool
+        Where the motion is known.
+    """
+
+    def __init__(
+        self, mover: Mover, trajectory: Trajectory, pose: Course, state: State,
+        told: NDArray[np.bool_],
+    ) -> None:  # fmt: skip
+        self.mover, self.trajectory, self.pose, self.told = mover, trajectory, pose, told
+        self.plain = _plain_courses(mover, state)
+
+    def limited(self, limits: Ranges) -> tuple[dict[str, Course], list[Span]]:
+        """Return the courses by kind, by the turns that keep limits, and where none does."""
+        found, spans = {}, []
+        for kind, course in self.plain.items():
+            values = self._continuous(kind, course)
+            for k in angle_columns(course.coordinates):
+                name = course.coordinates[k].name
+                ends = next((v for n, v in limits.items() if of_limb(n, name)), None)
+                if ends is None or kind == "parasitic":
+                    continue
+                if not self._given(kind):
+                    values[:, k] = in_limits(values[:, k], ends)
+                spans += self._beyond(name, values[:, k], ends)
+            found[kind] = Course(course.coordinates, values, course.rates, course.accelerations)
+        return found, spans
+
+    def _given(self, kind: str) -> bool:
+        return kind == "joints" and self.trajectory.space == "joint"
+
+    def _continuous(self, kind: str, course: Course) -> Values:
+        values = course.values.copy()
+        angles = angle_columns(course.coordinates)
+        if self._given(kind):
+            values[:, angles] = given_turns(values[:, angles], self.trajectory.values[:, angles])
+            return values
+
+        def between(first: int, last: int, shares: Vector) -> Values:
+            poses = _interpolated(self.trajectory.t, self.pose, first, last, shares)
+            none = np.zeros_like(poses)
+            courses = _plain_courses(self.mover, self.mover.state(poses, none, none))
+            return courses[kind].values[:, angles]
+
+        known = self.told[:, None]
+        position, rate, acceleration = (
+            np.where(known, part[:, angles], np.nan)
+            for part in (course.values, course.rates, course.accelerations)
+        )
+        turned = continuous(self.trajectory.t, position, rate, acceleration, between)
+        values[:, angles] = np.where(known, turned, values[:, angles])
+        return values
+
+    def _beyond(self, name: str, values: Vector, limits: tuple[float, float]) -> list[Span]:
+        """Return where a joint has turned out of its limits, though its direction keeps them."""
+        low, high = limits
+        miss = np.where(self.told, beyond_limits(values, limits), 0.0)
+        spans = []
+        for first, last in stretches(miss > 0):
+            worst = first + int(np.argmax(miss[first : last + 1]))
+            text = (
+                f"{name} = {values[worst]:.6g} rad misses [{low:.6g}, {high:.6g}] by "
+                f"{miss[worst]:.6g} rad"
+            )
+            spans.append(Span(first, last, worst, name, float(miss[worst]), "rad", text))
+        return spans
+
+
+def _plain_courses(mover: Mover, state: State) -> dict[str, Course]:
+    """Return joints, passive joints and parasitic coordinates as a state has them."""
+    mechanism = mover.mechanism
+    roles = ("x", "y", "z", "yaw", "pitch", "roll")
+    own = [roles.index(role) for role in mechanism.parasitic_roles]
+    scale = np.array([mover.unit if k < 3 else 1.0 for k in own])
+    factor = mover.si(mechanism.joints)
+    followed = followed_coordinates(mechanism)
+    passive = mover.si(followed)
+    return {
+        "joints": Course(
+            mechanism.joints, state.joints, state.joint_rates / factor,
+            state.joint_accelerations / factor,
+        ),
+        "passive": Course(
+            followed, state.passive, state.passive_rates / passive,
+            state.passive_accelerations / passive,
+        ),
+        "parasitic": Course(
+            mechanism.parasitic,
+            *(state.platform[:, order][:, own] / scale for order in range(3)),
+        ),
+    }  # fmt: skip
+
+
+def _interpolated(t: Vector, pose: Course, first: int, last: int, shares: Vector) -> Values:
+    """Return poses between two instants: the quintics with their derivatives at both."""
+    from scipy.interpolate import BPoly
+
+    h = float(t[last] - t[first])
+    ends = [np.stack([pose.values[k], pose.rates[k], pose.accelerations[k]]) for k in (first, last)]
+    return np.asarray(BPoly.from_derivatives([0.0, h], ends)(shares * h))
+
+
 def _assemble(
-    mechanism: Mechanism,
     parameters: Parameters,
     mode: str,
     t: Vector,
-    pose: tuple[Values, Values, Values],
+    pose: Course,
+    courses: Mapping[str, Course],
     state: State,
     told: NDArray[np.bool_],
     bodies: tuple[Body, ...],
@@ -240,39 +365,27 @@ def _assemble(
     singular: tuple[Span, ...],
 ) -> Motion:
     """Return the motion in the mechanism's unit, NaN where it is not told."""
-    unit = mover.unit
+    unit, mechanism = mover.unit, mover.mechanism
 
     def masked(values: Values) -> Values:
         shape = (-1,) + (1,) * (values.ndim - 1)
         result: Values = np.where(told.reshape(shape), values, np.nan)
         return result
 
-    def course(coordinates: Sequence[Coordinate], *orders: Values) -> Course:
-        return Course(tuple(coordinates), *(masked(values) for values in orders))
+    def course(plain: Course) -> Course:
+        orders = (plain.values, plain.rates, plain.accelerations)
+        return Course(tuple(plain.coordinates), *map(masked, orders))
 
-    roles = ("x", "y", "z", "yaw", "pitch", "roll")
-    own = [roles.index(role) for role in mechanism.parasitic_roles]
-    scale = np.array([unit if k < 3 else 1.0 for k in own])
-    parasitic = [state.platform[:, order][:, own] / scale for order in range(3)]
-    factor = mover.si(mechanism.joints)
-    followed = followed_coordinates(mechanism)
-    passive = mover.si(followed)
     has = bool(bodies)
     return Motion(
         mechanism=mechanism.name,
         params=dict(parameters),
         working_mode=mode,
         t=t,
-        pose=course(mechanism.pose, *pose),
-        parasitic=course(mechanism.parasitic, *parasitic),
-        joints=course(
-            mechanism.joints, state.joints, state.joint_rates / factor,
-            state.joint_accelerations / factor,
-        ),
-        passive=course(
-            followed, state.passive, state.passive_rates / passive,
-            state.passive_accelerations / passive,
-        ),
+        pose=course(pose),
+        parasitic=course(courses["parasitic"]),
+        joints=course(courses["joints"]),
+        passive=course(courses["passive"]),
         effort=masked(state.efforts) if has else None,
         power=masked(state.efforts * state.joint_rates) if has else None,
         kinetic=masked(state.kinetic) if has else None,

@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.continuity import angle_columns
 from pmopt.analysis.dynamics import GRAVITY
 from pmopt.analysis.engine import Engine
 from pmopt.analysis.mjcf import to_mjcf
 from pmopt.analysis.motion import Course, Motion
-from pmopt.analysis.motion_config import EngineSettings, MotionTask
+from pmopt.analysis.motion_config import EFFORT, EngineSettings, MotionTask
 from pmopt.analysis.multibody import Tree, build_tree
+from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sweeper import Sweeper
 from pmopt.errors import InputError, PmoptError
-from pmopt.mechanisms.base import Coordinate, Vector
-from pmopt.units import METRES
+from pmopt.mechanisms.base import Coordinate, Vector, wrap_angle
+from pmopt.units import METRES, effort_unit
 
 Values = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-#: Peaks smaller than this share of the largest are rounding: errors are counted in it.
+#: A joint whose peak is smaller than this share of the largest bears nothing but rounding: it has
+#: no error in per cent.
 _ROUNDING = 1e-9
 #: Speed of a controller whose gains are not given, rad by hold, and the largest, rad/s.
 BANDWIDTH, FASTEST = 0.2, 100.0
 #: A joint this far from where it should be, rad or characteristic lengths, has been lost.
 _LOST = 0.5
+#: A controller that asks for so many times what the motion needs and the drive gives diverges. A
+#: joint that needs next to nothing counts with this share of the largest.
+_BEYOND, _LIGHT = 100.0, 0.01
+#: LCI of the homogenized Jacobian below which what differs is laid to the singularity.
+_NEARLY_SINGULAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -40,7 +49,7 @@ class Comparison:
     effort, engine_effort : (N, n) float64
         Of the motion and of the engine, N and N m.
     error : (N, n) float64
-        Engine less motion in per cent of the joint's peak.
+        Engine less motion in per cent of the joint's peak; NaN for a joint without load.
     tracking : (N, n) float64
         Engine's joint less the motion's, mechanism's length unit and rad.
     peak : (n,) float64
@@ -56,6 +65,44 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class Saturation:
+    """A drive that was asked for more than it can give, and gave its limit.
+
+    Attributes
+    ----------
+    joint : str
+    lower, upper : float
+        Its limits, N or N m.
+    first, duration : float
+        When it is first at one, and for how long in all, s.
+    """
+
+    joint: str
+    lower: float
+    upper: float
+    first: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class Instability:
+    """When a controller was first seen not to hold the motion, s, and why."""
+
+    t: float
+    joint: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Forward:
+    """A motion under its controller, up to its end or to where the controller is unstable."""
+
+    comparison: Comparison
+    saturation: tuple[Saturation, ...]
+    unstable: Instability | None
+
+
+@dataclass(frozen=True)
 class Simulation:
     """What an engine says of a motion.
 
@@ -67,6 +114,12 @@ class Simulation:
         The engine's inverse dynamics at the motion's instants.
     forward : Comparison or None
         Under the controller, a row for every hold; None without controller.
+    saturation : tuple of Saturation
+        Of the drives under the controller.
+    unstable : Instability or None
+        Where the controller does not hold the motion: the rows end there.
+    singular : str or None
+        Where the motion passes so near a singularity that what differs is laid to it.
     position_error : float
         Largest distance between the two sides' centres of mass of any body, m.
     gap : float
@@ -84,6 +137,9 @@ class Simulation:
     joints: tuple[Coordinate, ...]
     inverse: Comparison
     forward: Comparison | None
+    saturation: tuple[Saturation, ...]
+    unstable: Instability | None
+    singular: str | None
     position_error: float
     gap: float
     engine: str
@@ -153,7 +209,7 @@ def simulate_motion(
     InputError
         If the mechanism has no masses, or for a hold that is no whole number of steps.
     PmoptError
-        If the engine is missing, its loops do not close or the controller loses the motion.
+        If the engine is missing or its loops do not close.
     """
     if motion.effort is None:
         raise InputError(f"{task.where}: {motion.mechanism} has no masses: [bodies] is needed")
@@ -168,25 +224,52 @@ def simulate_motion(
     engine = Engine(model, names, bodies)
     factor = joint_factors(task)
     course = motion.joints
-    values = unwrapped(course)
-    followed = engine.inverse(
-        motion.t, values * factor, course.rates * factor, course.accelerations * factor
-    )
+    values = from_start(course)
+    singular = nearly_singular(task, motion)
+    try:
+        followed = engine.inverse(
+            motion.t, values * factor, course.rates * factor, course.accelerations * factor
+        )
+    except PmoptError as error:
+        if singular is None:
+            raise
+        raise PmoptError(
+            f"{task.where}: {singular}; the engine does not pass it ({error})"
+        ) from None
     unit = METRES[task.mechanism.length_unit]
     own = np.stack([motion.centres[name][:, 0] for name in bodies], axis=1) * unit
     inverse = _compared(
         motion.t, motion.effort, followed.efforts, followed.joints / factor - values
     )
     forward, hold, gains = None, None, None
+    saturation: tuple[Saturation, ...] = ()
+    unstable = None
     if fine is not None and task.config.controller is not None:
         hold, _ = holds(task)
         gains = controller_gains(task, engine)
-        forward = run_forward(task, engine, fine, gains, followed.efforts[0], progress)
+        run = run_forward(task, engine, fine, gains, followed.efforts[0], progress)
+        forward, saturation, unstable = run.comparison, run.saturation, run.unstable
     return Simulation(
-        course.coordinates, inverse, forward,
+        course.coordinates, inverse, forward, saturation, unstable, singular,
         float(np.linalg.norm(followed.centres - own, axis=2).max()), float(followed.gaps.max()),
         engine.name, engine.version, model, settings.step, hold, gains,
     )  # fmt: skip
+
+
+def nearly_singular(task: MotionTask, motion: Motion) -> str | None:
+    """Say where a motion comes so near a singularity that efforts lose their digits, if it does."""
+    sweeper = Sweeper(
+        task.mechanism, WorkspaceSettings(working_mode=motion.working_mode, jacobian="homogenized")
+    )
+    poses = np.ascontiguousarray(motion.pose.values.T)
+    index = sweeper.field(sweeper.design(task.parameters), poses)[1]
+    k = int(np.argmin(index))
+    if index[k] >= _NEARLY_SINGULAR:
+        return None
+    return (
+        f"the mechanism is nearly singular at t = {motion.t[k]:.9g} s (LCI = {index[k]:.3g}): "
+        "efforts have no bound there"
+    )
 
 
 def joint_factors(task: MotionTask) -> Vector:
@@ -195,25 +278,25 @@ def joint_factors(task: MotionTask) -> Vector:
     return np.array([unit if c.kind == "length" else 1.0 for c in task.mechanism.joints])
 
 
-def unwrapped(course: Course) -> Values:
-    """Return positions along a motion with angles that do not jump by a turn: an engine counts."""
+def from_start(course: Course) -> Values:
+    """Return positions along a motion with angles that begin in (-pi, pi], as an engine's do."""
     values = course.values.copy()
-    angles = [k for k, c in enumerate(course.coordinates) if c.kind == "angle"]
-    values[:, angles] = np.unwrap(values[:, angles], axis=0)
+    for k in angle_columns(course.coordinates):
+        values[:, k] -= values[0, k] - wrap_angle(float(values[0, k]))
     return values
 
 
 def _compared(t: Vector, effort: Values, engine_effort: Values, tracking: Values) -> Comparison:
     peak = np.abs(effort).max(axis=0)
-    counted = np.maximum(peak, max(_ROUNDING * float(peak.max()), 1e-300))
-    error = 100 * (engine_effort - effort) / counted
+    loaded = peak > max(_ROUNDING * float(peak.max()), 1e-300)
+    error = 100 * (engine_effort - effort) / np.where(loaded, peak, np.nan)
     return Comparison(t, effort, engine_effort, error, tracking, peak)
 
 
 def run_forward(
     task: MotionTask, engine: Engine, fine: Motion, gains: Mapping[str, Vector],
     balance: Vector, progress: Progress | None = None,
-) -> Comparison:  # fmt: skip
+) -> Forward:  # fmt: skip
     """Run the engine under the controller, from the motion's start.
 
     At instants t_k, a hold apart, the controller measures the actuated joints and asks for::
@@ -225,6 +308,11 @@ def run_forward(
     that the controller takes over without a blow. The engine receives u_k from t_k to t_k + hold,
     which stands for the middle: that is where both sides' efforts are compared, and the
     tracking is the mean of that at both ends.
+
+    A drive gives no more than its limits; while it is at one, errors that would drive it further
+    are not summed. The run ends where the controller is unstable: where a joint is lost, the state
+    is no longer finite, or the controller asks a drive for a hundred times what the motion needs
+    and its limits allow.
 
     Parameters
     ----------
@@ -247,11 +335,16 @@ def run_forward(
     size = task.mechanism.characteristic_length(task.parameters)
     far = np.array([_LOST * size if c.kind == "length" else _LOST
                     for c in fine.joints.coordinates])  # fmt: skip
-    wanted, speeds = unwrapped(fine.joints), fine.joints.rates
+    wanted, speeds = from_start(fine.joints), fine.joints.rates
     ahead = fine.effort[1::2]
     if not controller.feedforward:
         ahead = np.broadcast_to(balance, ahead.shape)
     received, tracking = np.empty((count, len(kp))), np.empty((count + 1, len(kp)))
+    asked = np.empty_like(received)
+    names = [c.name for c in fine.joints.coordinates]
+    lowest, highest = effort_limits(task)
+    most = _BEYOND * largest_efforts(task, fine, lowest, highest)
+    unstable = None
     engine.begin(wanted[0] * factor, speeds[0] * factor)
     total = np.zeros(len(kp))
     good = True
@@ -259,21 +352,77 @@ def run_forward(
         joints, rates = (part / factor for part in engine.measure())
         missed = wanted[2 * k] - joints
         tracking[k] = -missed
+        time = float(fine.t[2 * k])
         if not (good and (np.abs(missed) < far).all()):
-            raise PmoptError(
-                f"the controller loses the motion at t = {fine.t[2 * k]:.9g} s: other gains or a "
-                "shorter hold are needed"
-            )
+            worst = int(np.argmax(np.nan_to_num(np.abs(missed) / far, nan=np.inf)))
+            unstable = Instability(time, names[worst], "the controller loses the motion")
+            break
         if k == count:
             break
-        total += hold * missed
-        received[k] = kp * missed + ki * total + kd * (speeds[2 * k] - rates) + ahead[k]
+        summed = total + hold * missed
+        asked[k] = kp * missed + ki * summed + kd * (speeds[2 * k] - rates) + ahead[k]
+        held = (asked[k] > highest) & (missed > 0) | (asked[k] < lowest) & (missed < 0)
+        total = np.where(held, total, summed)
+        if (np.abs(asked[k]) > most).any():
+            worst = int(np.argmax(np.abs(asked[k]) / most))
+            joint = fine.joints.coordinates[worst]
+            unstable = Instability(
+                time, joint.name,
+                f"the controller asks for {asked[k, worst]:.3g} {effort_unit(joint.kind)}, beyond "
+                f"{most[worst]:.3g} {effort_unit(joint.kind)}",
+            )  # fmt: skip
+            break
+        received[k] = np.clip(asked[k], lowest, highest)
         good = engine.advance(received[k], steps)
         if progress is not None:
             progress(k + 1, count)
-    middle = slice(1, 2 * count, 2)
-    return _compared(
-        fine.t[middle], fine.effort[middle], received, (tracking[1:] + tracking[:-1]) / 2
+    done = k if k else 1
+    if not k:  # unstable from the start: what was asked is all there is
+        received[0] = np.clip(asked[0], lowest, highest)
+        tracking[1] = tracking[0]
+    middle = slice(1, 2 * done, 2)
+    comparison = _compared(
+        fine.t[middle], fine.effort[middle], received[:done],
+        (tracking[1 : done + 1] + tracking[:done]) / 2,
+    )  # fmt: skip
+    starts = fine.t[: 2 * done : 2]
+    saturation = _saturation(names, asked[:done], (lowest, highest), starts, hold)
+    return Forward(comparison, saturation, unstable)
+
+
+def effort_limits(task: MotionTask) -> tuple[Vector, Vector]:
+    """Return the lowest and highest effort (n,) that each drive can give, N and N m."""
+    ends = [
+        task.other_limits.get(f"{c.name}{EFFORT}", (-np.inf, np.inf)) for c in task.mechanism.joints
+    ]
+    return np.array([low for low, _ in ends]), np.array([high for _, high in ends])
+
+
+def largest_efforts(task: MotionTask, motion: Motion, lowest: Vector, highest: Vector) -> Vector:
+    """Return the largest effort (n,) of each joint: what the motion needs, or its drive gives."""
+    assert motion.effort is not None
+    size = (
+        task.mechanism.characteristic_length(task.parameters) * METRES[task.mechanism.length_unit]
+    )
+    lengths = np.array([c.kind == "length" for c in task.mechanism.joints])
+    needed = np.abs(motion.effort).max(axis=0)
+    common = float((needed * np.where(lengths, size, 1.0)).max())  # as torques
+    needed = np.maximum(needed, _LIGHT * common / np.where(lengths, size, 1.0))
+    given = np.maximum(np.abs(lowest), np.abs(highest))
+    return np.asarray(np.maximum(needed, np.where(np.isfinite(given), given, 0.0)))
+
+
+def _saturation(
+    names: Sequence[str], asked: Values, limits: tuple[Vector, Vector], t: Vector, hold: float
+) -> tuple[Saturation, ...]:
+    """Return when which drive was at its limits."""
+    lowest, highest = limits
+    beyond = (asked < lowest) | (asked > highest)
+    return tuple(
+        Saturation(name, float(lowest[k]), float(highest[k]), float(t[beyond[:, k]][0]),
+                   hold * int(beyond[:, k].sum()))
+        for k, name in enumerate(names)
+        if beyond[:, k].any()
     )  # fmt: skip
 
 

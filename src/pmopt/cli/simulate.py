@@ -44,7 +44,8 @@ def simulate_command(
     emit(form, run.to_dict(), [table])
     if out is not None:
         notify(f"written to {out}")
-    if run.agrees:
+    complaint = run.complaint()
+    if complaint is None:
         return 0
-    click.echo(f"the engine disagrees: by {run.worst:.3g} % of a joint's peak", err=True)
+    click.echo(complaint, err=True)
     return EXIT_UNVERIFIED

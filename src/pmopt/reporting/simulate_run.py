@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pmopt.analysis.engine import require_mujoco
-from pmopt.analysis.motion_config import MAX_INSTANTS, MotionTask
+from pmopt.analysis.motion_config import EFFORT, MAX_INSTANTS, MotionTask
 from pmopt.analysis.simulation import (
     Comparison,
     Progress,
@@ -19,6 +19,7 @@ from pmopt.analysis.simulation import (
     holds,
     simulate_motion,
 )
+from pmopt.analysis.workspace import number
 from pmopt.errors import InputError
 from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
 from pmopt.reporting.run_folder import RunFolder
@@ -39,9 +40,9 @@ class Agreement:
     peak : float
         Of the motion's effort, in ``unit``.
     unit : str
-    error, at, rms : float
+    error, at, rms : float or None
         Largest size of the error in per cent of the peak, when it is met first (s), and root of
-        its mean square.
+        its mean square; None of a joint without load, which has no per cent.
     tracking, tracking_rms : float
         Largest size of the tracking error and root of its mean square, in ``tracking_unit``.
     tracking_unit : str
@@ -51,9 +52,9 @@ class Agreement:
     joint: str
     peak: float
     unit: str
-    error: float
-    at: float
-    rms: float
+    error: float | None
+    at: float | None
+    rms: float | None
     tracking: float
     tracking_rms: float
     tracking_unit: str
@@ -77,12 +78,32 @@ class SimulationRun:
     @property
     def worst(self) -> float:
         """Largest error of the inverse dynamics, in per cent of a joint's peak."""
-        return max(a.error for a in self.agreements if a.mode == "inverse")
+        inverse = self.simulation.inverse
+        unloaded = np.isnan(inverse.error[0])
+        left = np.abs(inverse.engine_effort - inverse.effort)[:, unloaded]
+        errors = [a.error for a in self.agreements if a.mode == "inverse" and a.error is not None]
+        # What a joint without load differs by counts in per cent of the largest peak.
+        largest = float(inverse.peak.max())
+        return max([*errors, 100 * float(left.max()) / largest if left.size and largest else 0.0])
 
     @property
     def agrees(self) -> bool:
         """Whether the inverse dynamics of both sides agree within the tolerance."""
         return self.worst <= engine_settings(self.task).tolerance
+
+    def complaint(self) -> str | None:
+        """Return the line that says what does not hold, None where all does."""
+        unstable, singular = self.simulation.unstable, self.simulation.singular
+        if unstable is not None:
+            return f"unstable: {unstable.reason} at t = {unstable.t:.9g} s ({unstable.joint})" + (
+                f"; {singular}" if singular else "; other gains or a shorter hold are needed"
+            )
+        if self.agrees:
+            return None
+        text = f"by {self.worst:.3g} % of a joint's peak"
+        if singular is not None:
+            return f"{singular}, and both sides differ {text}"
+        return f"the engine disagrees: {text}"
 
     @property
     def units(self) -> dict[str, str]:
@@ -97,7 +118,7 @@ class SimulationRun:
             }  # fmt: skip
         return units | {
             "max_error": "%", "rms_error": "%", "tolerance": "%", "at": "s", "step": "s",
-            "hold": "s", "position_error": "m", "gap": "m, rad",
+            "hold": "s", "position_error": "m", "gap": "m, rad", "first": "s", "duration": "s",
         } | self._gain_units()  # fmt: skip
 
     def _gain_units(self) -> dict[str, str]:
@@ -139,6 +160,13 @@ class SimulationRun:
             "gap": simulation.gap,
             "tolerance": settings.tolerance,
             "agrees": self.agrees,
+            "saturation": [
+                {"joint": s.joint, "lower": number(s.lower), "upper": number(s.upper),
+                 "first": s.first, "duration": s.duration}
+                for s in simulation.saturation
+            ],
+            "unstable": None if simulation.unstable is None else asdict(simulation.unstable),
+            "singular": simulation.singular,
             "units": self.units,
         }  # fmt: skip
 
@@ -159,7 +187,7 @@ def run_simulation(
     InputError
         When the folder holds a run, or for a motion that is infeasible or has no masses.
     PmoptError
-        When the engine is missing, or its controller loses the motion.
+        When the engine is missing.
     """
     folder = RunFolder(out, force) if out is not None else None
     require_mujoco()  # before anything that takes long
@@ -191,6 +219,10 @@ def _checked_hold(task: MotionTask, motion: MotionRun) -> float:
 
 
 def _feasible(task: MotionTask, threads: int | None, notify: Notify | None) -> MotionRun:
+    """Return the motion; under a controller drives saturate, so that its efforts may be beyond."""
+    if task.config.controller is not None:
+        limits = {k: v for k, v in task.other_limits.items() if not k.endswith(EFFORT)}
+        task = replace(task, other_limits=limits)
     run = run_motion(task, threads=threads, notify=notify)
     if run.infeasible:
         raise InputError(run.complaint())
@@ -203,10 +235,14 @@ def _agreements(task: MotionTask, simulation: Simulation) -> Iterator[Agreement]
             continue
         for k, joint in enumerate(simulation.joints):
             error, tracking = np.abs(found.error[:, k]), np.abs(found.tracking[:, k])
-            at = int(error.argmax())
+            figures: tuple[float | None, float | None, float | None] = (None, None, None)
+            if np.isfinite(error).all():
+                at = int(error.argmax())
+                figures = (
+                    float(error[at]), float(found.t[at]), float(np.sqrt((error**2).mean())),
+                )  # fmt: skip
             yield Agreement(
-                mode, joint.name, float(found.peak[k]), effort_unit(joint.kind),
-                float(error[at]), float(found.t[at]), float(np.sqrt((error**2).mean())),
+                mode, joint.name, float(found.peak[k]), effort_unit(joint.kind), *figures,
                 float(tracking.max()), float(np.sqrt((tracking**2).mean())),
                 task.mechanism.unit(joint),
             )  # fmt: skip
@@ -261,7 +297,8 @@ def series_table(run: SimulationRun, found: Comparison | None = None) -> Table:
         columns |= {f"{name}_{ending}": values[:, k] for k, name in enumerate(names)}
     order = ["t", *(f"{name}_{ending}" for name in names
                     for ending in ("effort", "engine_effort", "error", "tracking"))]  # fmt: skip
-    rows = np.stack([columns[name] for name in order], axis=1).tolist()
+    table = np.stack([columns[name] for name in order], axis=1)
+    rows = np.where(np.isnan(table), None, table.astype(object)).tolist()  # type: ignore[call-overload]
     return Table(f"{run.task.mechanism.name}: {mode}", tuple(order), tuple(map(tuple, rows)),
                  run.units)  # fmt: skip
 
@@ -285,6 +322,19 @@ def summary_table(run: SimulationRun) -> Table:
         notes.append(f"forward: a controller every {simulation.hold:g} s, {ahead} feed-forward")
     else:
         notes.append("no forward run: [controller] is not given")
+    units = run.units
+    notes += [
+        f"{s.joint} saturates at [{s.lower:g}, {s.upper:g}] {units[f'{s.joint}_effort']}: first at "
+        f"t = {s.first:.6g} s, {s.duration:.6g} s in all"
+        for s in simulation.saturation
+    ]
+    if simulation.unstable is not None:
+        notes.append(f"UNSTABLE at t = {simulation.unstable.t:.6g} s: the forward run ends there")
+    if simulation.singular is not None:
+        notes.append(simulation.singular)
+    unloaded = dict.fromkeys(a.joint for a in run.agreements if a.error is None)
+    if unloaded:
+        notes.append(f"no load on {', '.join(unloaded)}: no error in per cent")
     return Table(
         f"{run.task.mechanism.name}: efforts of the engine against the motion's",
         ("mode", "joint", "peak", "unit", "max_error", "at", "rms_error", "max_tracking",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from pmopt.analysis.simulation import Comparison, Simulation
 from pmopt.reporting.canvas import LINE, label, new_figure, parameter_text, to_png
 from pmopt.units import effort_unit
 
-_ENGINE, _ERROR = "#c1573b", "#4f8a4f"
+_ENGINE, _ERROR = "#c1573b", "#555555"
 #: Panels of joints side by side.
 _ACROSS = 3
 #: Most points of a curve that are drawn.
@@ -57,9 +58,17 @@ def draw_comparison(
             top.plot(t, found.engine_effort[::stride, k], color=_ENGINE, linewidth=1.0,
                      linestyle=(0, (5, 2)), label=simulation.engine)  # fmt: skip
             _pad(top, found.effort[:, k], found.engine_effort[:, k])
+            for drive in simulation.saturation if mode == "forward" else ():
+                if drive.joint == joint.name:
+                    for end in (drive.lower, drive.upper):
+                        if math.isfinite(end):
+                            top.axhline(end, color="#808080", linewidth=0.8, linestyle=":")
+                    top.axvline(drive.first, color="#808080", linewidth=0.8, linestyle="-.")
             top.set_ylabel(label(joint.name, effort_unit(joint.kind)))
             top.tick_params(labelbottom=False)
             low.plot(t, found.error[::stride, k], color=_ERROR, linewidth=0.9)
+            if np.isnan(found.error[:, k]).all():
+                low.text(0.5, 0.5, "no load", transform=low.transAxes, ha="center", va="center")
             low.set_ylabel("error (% of peak)")
             low.set_xlabel(label("t", "s"))
             low.ticklabel_format(axis="y", style="sci", scilimits=(-3, 3))
@@ -93,10 +102,14 @@ def _write_head(figure: Any, task: MotionTask, simulation: Simulation, mode: str
     if mode == "forward" and controller is not None:
         ahead = "feed-forward and PID" if controller.feedforward else "PID"
         how = f"forward under {ahead} every {simulation.hold:g} s"
+        if simulation.unstable is not None:
+            how += f", unstable at t = {simulation.unstable.t:.4g} s"
     else:
         how = "inverse dynamics"
     x = 0.15 / width
     figure.text(x, 1 - 0.1 / height, f"{mechanism.name}: efforts, theory and {simulation.engine}, "
                 f"{how}", va="top", fontsize=10.5)  # fmt: skip
-    figure.text(x, 1 - 0.31 / height, parameter_text(shown, units), va="top", fontsize=8.5,
-                color="#555555")  # fmt: skip
+    below = parameter_text(shown, units)
+    if mode == "forward" and simulation.saturation:
+        below += "; dotted: a drive's limits, which it meets first at the dash-dotted line"
+    figure.text(x, 1 - 0.31 / height, below, va="top", fontsize=8.5, color="#555555")

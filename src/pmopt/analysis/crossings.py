@@ -7,14 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from pmopt.analysis.measures import Part, measures_at
+from pmopt.analysis.touching import least_along
 from pmopt.errors import InputError, UnreachableError
-from pmopt.mechanisms.base import Mechanism, Parameters
+from pmopt.mechanisms.base import Mechanism, Parameters, Vector
 from pmopt.units import ONE
 
 #: A determinant this small at a row of the path is 0: rounding leaves no more.
 _ZERO = 1e-12
 _HALVINGS = 60
+#: Points that are looked at, at least; most between two rows; least sizes that are located.
+_LOOKS, _MOST_INNER, _LOCATED = 1000, 16, 16
 
 
 @dataclass(frozen=True)
@@ -141,6 +146,68 @@ def follow_path(
     )  # fmt: skip
 
 
+def _touches(
+    mechanism: Mechanism,
+    mode: str,
+    parameters: Parameters,
+    part: Part,
+    poses: Sequence[Mapping[str, float]],
+    series: Sequence[float],
+) -> list[tuple[float, float, bool, dict[str, float]]]:
+    """Return where a determinant touches 0 between rows, without a change of sign."""
+    count = len(poses)
+
+    def size(places: Vector) -> Vector:
+        found = []
+        for place in places.tolist():
+            k = min(int(place), count - 2)
+            pose = _between(poses[k], poses[k + 1], place - k)
+            measures = measures_at(mechanism, mode, parameters, pose)
+            found.append(math.inf if measures is None else abs(measures[part]))
+        return np.array(found)
+
+    inner = int(np.clip(_LOOKS // (count - 1), 1, _MOST_INNER))
+    places = np.arange((count - 1) * (inner + 1) + 1) / (inner + 1)
+    sizes = np.abs(np.interp(places, np.arange(count), series))
+    between = places % 1 > 0
+    sizes[between] = size(places[between])
+    k = np.arange(1, len(places) - 1)
+    k = k[(sizes[k] <= sizes[k - 1]) & (sizes[k] <= sizes[k + 1])]
+    k = k[np.argsort(sizes[k], kind="stable")[:_LOCATED]]
+    if len(k) == 0:
+        return []
+    found, smallest = least_along(size, places[k - 1], places[k + 1])
+    zeros = []
+    for place, value, low, high in zip(
+        found.tolist(), smallest.tolist(), places[k - 1].tolist(), places[k + 1].tolist(),
+        strict=True,
+    ):  # fmt: skip
+        if value > _ZERO or any(
+            abs(series[row]) <= _ZERO for row in (round(place),) if abs(place - row) < 1e-9
+        ):
+            continue
+        ends = [_signed(mechanism, mode, parameters, part, poses, end) for end in (low, high)]
+        if ends[0] * ends[1] > 0:
+            row = min(int(place), count - 2)
+            pose = _between(poses[row], poses[row + 1], place - row)
+            zeros.append((place, place, False, pose))
+    return zeros
+
+
+def _signed(
+    mechanism: Mechanism,
+    mode: str,
+    parameters: Parameters,
+    part: Part,
+    poses: Sequence[Mapping[str, float]],
+    place: float,
+) -> float:
+    row = min(int(place), len(poses) - 2)
+    pose = _between(poses[row], poses[row + 1], place - row)
+    measures = measures_at(mechanism, mode, parameters, pose)
+    return 0.0 if measures is None else measures[part]
+
+
 def _at(times: Sequence[float], place: float) -> float:
     share, whole = math.modf(place)
     first = times[int(whole)]
@@ -162,7 +229,7 @@ def _zeros(
     series: Sequence[float],
 ) -> list[tuple[float, float, bool, dict[str, float]]]:
     """Return the zeros of a determinant: first and last row (from 0), change of sign, pose."""
-    zeros: list[tuple[float, float, bool, dict[str, float]]] = []
+    zeros = _touches(mechanism, mode, parameters, part, poses, series)
     signs = [0 if abs(v) <= _ZERO else (1 if v > 0 else -1) for v in series]
     i = 0
     while i < len(signs):

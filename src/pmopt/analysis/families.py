@@ -1,9 +1,9 @@
 """Families of singular poses: slices with some coordinates fixed that are singular throughout.
 
 Slices with coordinates at 0 and, for angles, at quarter and half turns are tried; in each, a
-further coordinate is fixed where the determinant changes sign at the same value for all of the
-others. All orientations that the limits leave are searched, also beyond a mechanism's default
-domain.
+further coordinate is fixed wherever the determinant vanishes, with a change of sign or without,
+at the same value for all of the others that get there. All orientations that the limits leave are
+searched, also beyond a mechanism's default domain.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pmopt.analysis.aspects import determinants
 from pmopt.analysis.measures import measures_at
 from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.analysis.touching import least_along
 from pmopt.mechanisms.base import Vector
 from pmopt.seeds import seed_sequence
 
@@ -26,11 +27,16 @@ _SINGULAR = 1e-7
 #: Reachable poses of a slice that are looked at, the least number that tells anything, and how
 #: many are drawn for one that is to be reachable.
 _POSES, _LEAST, _DRAWN = 96, 24, 64
-#: Lines along a further coordinate, points of each, lines that must agree on a zero, and halvings
+#: Most draws for a slice that only few poses of its other coordinates reach.
+_MOST_DRAWN = 1 << 18
+#: Lines along a further coordinate, points of each, the fewest that must have a zero, and halvings
 #: that locate it.
-_LINES, _POINTS, _AGREE, _HALVINGS = 8, 97, 5, 60
-#: A zero this close to a special value, or to another zero, is the same.
-_SAME = 1e-9
+_LINES, _POINTS, _FEWEST, _HALVINGS = 48, 97, 3, 60
+#: A zero this close to a special value, or to another zero, is the same: touches are located to
+#: the root of what rounding leaves.
+_NEARLY = 2e-7
+#: A determinant this small is 0.
+_TOUCHES = 1e-13
 
 
 @dataclass(frozen=True)
@@ -87,14 +93,24 @@ class _Search:
         return any(f.fixed.items() <= fixed.items() for f in self.found)
 
     def reachable(self, fixed: dict[str, float]) -> tuple[NDArray[np.float64], Vector]:
-        """Return some reachable poses of a slice and their indices."""
-        unit = self.rng.uniform(0.001, 0.999, (len(self.names), _DRAWN * _POSES))
-        poses = self.lower[:, None] + self.width[:, None] * unit
-        for name, value in fixed.items():
-            poses[self.names.index(name)] = value
-        margin, lci = self.sweeper.field(self.design, poses)
-        inside = np.flatnonzero(margin > 0)[:_POSES]
-        return poses[:, inside], lci[inside]
+        """Return some reachable poses of a slice and their indices.
+
+        Of a slice that is rarely reached more are drawn, unless nothing of it is.
+        """
+        count, kept, indices = _DRAWN * _POSES, [], []
+        while True:
+            unit = self.rng.uniform(0.001, 0.999, (len(self.names), count))
+            poses = self.lower[:, None] + self.width[:, None] * unit
+            for name, value in fixed.items():
+                poses[self.names.index(name)] = value
+            margin, lci = self.sweeper.field(self.design, poses)
+            inside = np.flatnonzero(margin > 0)[:_POSES]
+            kept.append(poses[:, inside])
+            indices.append(lci[inside])
+            found = sum(map(len, indices))
+            if found == 0 or found >= _LEAST or count >= _MOST_DRAWN:
+                return np.concatenate(kept, axis=1), np.concatenate(indices)
+            count *= 4
 
     def examine(self, fixed: dict[str, float]) -> NDArray[np.float64] | None:
         """Add the slice if it is singular throughout; return poses of it that are not."""
@@ -131,59 +147,115 @@ class _Search:
         return [kind for kind, _ in sorted(small, key=lambda key: small[key])]
 
     def further(self, fixed: dict[str, float], poses: NDArray[np.float64]) -> None:
-        """Look for a value of one more coordinate at which the rest of the slice is singular."""
+        """Look for values of one more coordinate at which the rest of the slice is singular."""
         for k, name in enumerate(self.names):
             if name in fixed:
                 continue
-            lines = np.repeat(poses[:, :_LINES], _POINTS, axis=1)
-            line = np.linspace(self.lower[k], self.lower[k] + self.width[k], _POINTS)
-            lines[k] = np.tile(line, min(_LINES, poses.shape[1]))
-            shape = (-1, _POINTS)
-            inside = self.sweeper.field(self.design, lines)[0].reshape(shape) >= 0
-            dets = determinants(self.sweeper, self.design, lines).reshape(shape)
-            crossed = (dets[:, :-1] * dets[:, 1:] <= 0) & inside[:, :-1] & inside[:, 1:]
-            # Only where most lines have a zero in about the same place is it worth locating.
-            spread = crossed[:, :-1] | crossed[:, 1:]
-            for cell in np.flatnonzero(spread.sum(axis=0) >= _AGREE):
-                value = self._zero(k, lines.reshape(len(lines), *shape), dets, crossed, int(cell))
-                if value is None:
-                    continue
+            for value in self._zeros(k, poses):
                 pinned = {**fixed, name: value}
                 ordered = {n: pinned[n] for n in self.names if n in pinned}
                 if not self.known(ordered):
                     self.examine(ordered)
 
-    def _zero(
+    def _zeros(self, k: int, poses: NDArray[np.float64]) -> list[float]:
+        """Return where the determinant vanishes on all lines along a coordinate that get there.
+
+        Lines go through poses of a slice. Zeros are changes of sign, and touches: least sizes
+        that are 0. How many lines get to a value depends on their other coordinates.
+        """
+        line = np.linspace(self.lower[k], self.lower[k] + self.width[k], _POINTS)
+        through = poses[:, :_LINES]
+        lines = np.repeat(through, _POINTS, axis=1)
+        lines[k] = np.tile(line, through.shape[1])
+        shape = (-1, _POINTS)
+        inside = self.sweeper.field(self.design, lines)[0].reshape(shape) >= 0
+        dets = determinants(self.sweeper, self.design, lines).reshape(shape)
+        found = [
+            *self._crossed(k, through, line, dets, inside),
+            *self._touched(k, through, line, dets, inside),
+        ]
+        values = []
+        for group in _grouped(found):
+            value = self._snapped(k, float(np.median(group)))
+            if value not in values and self._common(k, through, value, len(group)):
+                values.append(value)
+        return values
+
+    def _crossed(
         self,
         k: int,
-        lines: NDArray[np.float64],
+        through: NDArray[np.float64],
+        line: Vector,
         dets: NDArray[np.float64],
-        crossed: NDArray[np.bool_],
-        cell: int,
-    ) -> float | None:
-        """Return where the determinant vanishes on all lines that cross near a cell, if it does."""
-        ends = []
-        for row in range(len(dets)):
-            for place in (cell, cell + 1):
-                if place < crossed.shape[1] and crossed[row, place]:
-                    ends.append((row, place))
-                    break
-        rows, places = (np.array(v) for v in zip(*ends, strict=True))
-        low, high = lines[:, rows, places].copy(), lines[:, rows, places + 1].copy()
-        sign = np.sign(dets[rows, places])
-        for halving in range(_HALVINGS):
+        inside: NDArray[np.bool_],
+    ) -> list[float]:
+        """Return the zeros of lines at which the determinant changes sign, by halving."""
+        rows, cells = np.nonzero(
+            (dets[:, :-1] * dets[:, 1:] <= 0) & inside[:, :-1] & inside[:, 1:]
+            & (dets[:, :-1] != dets[:, 1:])
+        )  # fmt: skip
+        low, high, sign = line[cells], line[cells + 1], np.sign(dets[rows, cells])
+        if len(rows) == 0:
+            return []
+        for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            same = determinants(self.sweeper, self.design, middle) * sign > 0
+            same = self._along(k, through[:, rows], middle) * sign > 0
             low, high = np.where(same, middle, low), np.where(same, high, middle)
-            if halving == 12 and np.ptp(middle[k]) > 4 * np.abs(high[k] - low[k]).max():
-                return None
-        zeros = (low[k] + high[k]) / 2
-        if np.ptp(zeros) > _SAME * max(1.0, float(np.abs(zeros).max())):
-            return None
-        value = float(np.median(zeros))
-        if self.sweeper.mechanism.pose[k].kind == "angle" and abs(value + math.pi) <= _SAME:
+        zeros = (low + high) / 2
+        return list(zeros[np.abs(self._along(k, through[:, rows], zeros)) <= _TOUCHES].tolist())
+
+    def _touched(
+        self,
+        k: int,
+        through: NDArray[np.float64],
+        line: Vector,
+        dets: NDArray[np.float64],
+        inside: NDArray[np.bool_],
+    ) -> list[float]:
+        """Return where the determinant's size is least and 0 without a change of sign."""
+        size = np.abs(dets)
+        least = (size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:])
+        least &= (dets[:, :-2] * dets[:, 2:] > 0) & inside[:, 1:-1]
+        rows, cells = np.nonzero(least)
+        if len(rows) == 0:
+            return []
+
+        def size_at(values: Vector) -> Vector:
+            return np.abs(self._along(k, through[:, rows], values))
+
+        place, smallest = least_along(size_at, line[cells], line[cells + 2])
+        return list(place[smallest <= _TOUCHES].tolist())
+
+    def _along(self, k: int, through: NDArray[np.float64], values: Vector) -> Vector:
+        """Return the determinants of poses with other values of one coordinate."""
+        poses = through.copy()
+        poses[k] = values
+        return determinants(self.sweeper, self.design, poses)
+
+    def _common(self, k: int, through: NDArray[np.float64], value: float, count: int) -> bool:
+        """Return whether lines have the zero that get there: some of them, and nearly all."""
+        poses = through.copy()
+        poses[k] = value
+        able = self.sweeper.field(self.design, poses)[0] >= 0
+        # At the very end of the reach rounding decides.
+        return count >= _FEWEST and count >= 0.8 * int(able.sum()) - 1
+
+    def _snapped(self, k: int, value: float) -> float:
+        """Return the special value that a zero is, if it is one."""
+        if self.sweeper.mechanism.pose[k].kind == "angle" and abs(value + math.pi) <= _NEARLY:
             value = math.pi
-        return next((v for v in self.special(k) if abs(v - value) <= _SAME), value)
+        return next((v for v in self.special(k) if abs(v - value) <= _NEARLY), value)
+
+
+def _grouped(values: list[float]) -> list[list[float]]:
+    """Return values in groups that are the same, each with the accuracy of its zeros."""
+    groups: list[list[float]] = []
+    for value in sorted(values):
+        if groups and value - groups[-1][0] <= _NEARLY * max(1.0, abs(value)):
+            groups[-1].append(value)
+        else:
+            groups.append([value])
+    return groups
 
 
 def find_families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:

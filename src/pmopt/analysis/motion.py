@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -22,6 +22,7 @@ from pmopt.analysis.dynamics import Mover, State, angular_motion
 from pmopt.analysis.kinematics import forward_kinematics, of_limb
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.touching import Jets, Least, between, least_sizes
 from pmopt.errors import UnreachableError
 from pmopt.mechanisms.base import (
     Coordinate,
@@ -126,6 +127,8 @@ class Motion:
     infeasible, singular : tuple of Span
         Where it is not possible, and where it meets a forward singularity; with efforts the latter
         are among the former.
+    approaches : tuple of Approach
+        Where it comes so near a singularity that efforts between instants exceed those at them.
     """
 
     mechanism: str
@@ -144,6 +147,7 @@ class Motion:
     angular: Values
     infeasible: tuple[Span, ...]
     singular: tuple[Span, ...]
+    approaches: tuple[Approach, ...] = ()
 
 
 def compute_motion(
@@ -223,6 +227,13 @@ def compute_motion(
     told = feasible & state.valid
     spans += _untold(feasible & ~state.valid)
     singular = _singular(state, told, index, trajectory.t)
+    jets = Jets(poses, rates, accelerations)
+
+    def index_at(values: Values) -> Vector:
+        return sweeper.field(design, np.ascontiguousarray(values.T))[1]
+
+    touched, near = _touched(trajectory.t, jets, told & (index >= SINGULAR), index_at, singular)
+    singular = sorted([*singular, *touched], key=lambda span: span.first)
     if efforts:
         told &= index >= SINGULAR
         spans += singular
@@ -233,10 +244,39 @@ def compute_motion(
     for span in beyond:
         told[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
-    return _assemble(
+    motion = _assemble(
         parameters, mode, trajectory.t, pose, turned, state, told, massive, mover, tuple(spans),
         tuple(singular),
     )  # fmt: skip
+    if motion.effort is None or spans:
+        return motion
+    return replace(motion, approaches=_approaches(mover, motion, jets, near, index))
+
+
+def _approaches(
+    mover: Mover, motion: Motion, jets: Jets, near: Least, index: Vector
+) -> tuple[Approach, ...]:
+    """Return where efforts between instants exceed those at them, near a singularity."""
+    assert motion.effort is not None
+    low = near.size < _APPROACH * float(np.median(index))
+    if not low.any():
+        return ()
+    first, share, size = near.first[low], near.share[low], near.size[low]
+    found = mover.state(*between(motion.t, jets, first, share)).efforts
+    peaks = np.abs(motion.effort).max(axis=0)
+    times = motion.t[first] + share * (motion.t[first + 1] - motion.t[first])
+    names = [c.name for c in motion.joints.coordinates]
+    result = []
+    for k in np.argsort(times, kind="stable").tolist():
+        beside = np.abs(motion.effort[first[k] : first[k] + 2]).max(axis=0) >= peaks
+        told = {
+            name: float(found[k, j])
+            for j, name in enumerate(names)
+            if abs(found[k, j]) > _GROWS * peaks[j] or (beside[j] and peaks[j] > 0)
+        }
+        if told:
+            result.append(Approach(float(times[k]), float(size[k]), told))
+    return tuple(result)
 
 
 class _Courses:
@@ -343,12 +383,86 @@ def _plain_courses(mover: Mover, state: State) -> dict[str, Course]:
 
 
 def _interpolated(t: Vector, pose: Course, first: int, last: int, shares: Vector) -> Values:
-    """Return poses between two instants: the quintics with their derivatives at both."""
-    from scipy.interpolate import BPoly
+    """Return poses between two instants."""
+    ends = [first, last]
+    jets = Jets(pose.values[ends], pose.rates[ends], pose.accelerations[ends])
+    return between(t[ends], jets, np.zeros(len(shares), dtype=np.int64), shares).values
 
-    h = float(t[last] - t[first])
-    ends = [np.stack([pose.values[k], pose.rates[k], pose.accelerations[k]]) for k in (first, last)]
-    return np.asarray(BPoly.from_derivatives([0.0, h], ends)(shares * h))
+
+#: A least LCI below this share of the motion's median is an approach worth a word.
+_APPROACH = 0.2
+#: Efforts that grow by so much between the instants are told.
+_GROWS = 1.01
+
+
+def _touched(
+    t: Vector,
+    jets: Jets,
+    told: NDArray[np.bool_],
+    index: Callable[[Values], Vector],
+    spans: Sequence[Span],
+) -> tuple[list[Span], Least]:
+    """Return where the motion touches a singularity between instants, and where it comes near.
+
+    Parameters
+    ----------
+    t : (N,) float64
+    jets : Jets
+        Of the pose.
+    told : (N,) bool
+        Where the motion is known.
+    index : callable
+        Returns the LCI at poses (M, n).
+    spans : sequence of Span
+        Singular ones that are known already.
+    """
+    least = least_sizes(t, jets, told, index)
+    covered = np.zeros(len(t), dtype=bool)
+    for span in spans:
+        covered[span.first : span.last + 1] = True
+    found = []
+    near = np.ones(len(least.size), dtype=bool)
+    for k, (first, share, size) in enumerate(zip(*map(np.ndarray.tolist, least), strict=True)):
+        if size >= SINGULAR:
+            continue
+        near[k] = False
+        if covered[first] and covered[first + 1]:
+            continue
+        covered[first : first + 2] = True
+        time = t[first] + share * (t[first + 1] - t[first])
+        text = (
+            f"at t = {time:.9g} s a singularity is touched (LCI = {size:.3g}): the actuated joints "
+            "do not hold the platform, efforts have no bound"
+        )
+        found.append(Span(first, first + 1, first + round(share), "singularity", size, "1", text))
+    return found, Least(least.first[near], least.share[near], least.size[near])
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Where a motion comes near a singularity without meeting it.
+
+    Attributes
+    ----------
+    t : float
+        s, between instants or at one.
+    lci : float
+        The least there.
+    efforts : dict of str to float
+        Of the actuated joints whose efforts there exceed all that instants show, N and N m.
+    """
+
+    t: float
+    lci: float
+    efforts: dict[str, float]
+
+    def text(self, units: Mapping[str, str]) -> str:
+        """Return the approach in words; ``units`` are those of efforts by joint."""
+        told = ", ".join(f"{k} {v:.4g} {units[k]}" for k, v in self.efforts.items())
+        return (
+            f"near a singularity at t = {self.t:.9g} s (LCI = {self.lci:.3g}), where efforts peak: "
+            f"{told}; at other instants they are smaller"
+        )
 
 
 def _assemble(

@@ -23,6 +23,7 @@ from pmopt.analysis.measures import KINDS, branch_at, measures_at
 from pmopt.analysis.projection import replicate
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
+from pmopt.analysis.touching import least_along
 from pmopt.analysis.warmup import warm_up
 from pmopt.errors import InfeasibleError
 from pmopt.mechanisms.base import Mechanism, Parameters, Vector
@@ -36,6 +37,8 @@ _PROBES = 400
 #: Steps of the scan along a coordinate, and how near zero a measure is at a limb's end of reach,
 #: where it falls with the root of the distance.
 _STEPS = 720
+#: A determinant this small is 0.
+_TOUCHES = 1e-13
 _ENDS = 1e-4
 
 #: Zeros that are located of each measure that changes sign, what counts as one, and how little a
@@ -396,9 +399,10 @@ def _wall(
     out = np.flatnonzero(margin < 0)
     flips = np.flatnonzero(np.sign(dets[1:]) != np.sign(dets[0])) + 1
     last = int(out[0]) if len(out) else _STEPS
-    if len(flips) and flips[0] < last:
-        first = int(flips[0])
-        value = _bisect(
+    first = int(flips[0]) if len(flips) else _STEPS
+    touch = _touch_along(sweeper, design, poses, k, dets, min(first, last))
+    if touch is not None or first < last:
+        value = touch if touch is not None else _bisect(
             lambda v: float(determinants(sweeper, design, at(v))[0]) * np.sign(dets[0]) > 0,
             float(line[first - 1]), float(line[first]),
         )  # fmt: skip
@@ -415,6 +419,27 @@ def _wall(
     pose = {n: (value if n == names[k] else v) for n, v in home.items()}
     return Wall(names[k], direction, value, _end_of_reach(sweeper, design, pose),
                 _values(sweeper, design, pose))  # fmt: skip
+
+
+def _touch_along(
+    sweeper: Sweeper, design: Design, poses: np.ndarray[Any, np.dtype[np.float64]], k: int,
+    dets: Vector, last: int,
+) -> float | None:  # fmt: skip
+    """Return where the determinant first touches 0 along a line, None where it does not."""
+    size = np.abs(dets[:last])
+    least = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])) + 1
+    if len(least) == 0:
+        return None
+
+    def size_at(values: Vector) -> Vector:
+        columns = poses[:, least].copy()
+        columns[k] = values
+        return np.abs(determinants(sweeper, design, columns))
+
+    ends = np.sort(np.stack([poses[k, least - 1], poses[k, least + 1]]), axis=0)
+    places, sizes = least_along(size_at, ends[0], ends[1])
+    met = np.flatnonzero(sizes <= _TOUCHES)
+    return float(places[met[0]]) if len(met) else None
 
 
 def _bisect(holds: Any, inside: float, outside: float) -> float:

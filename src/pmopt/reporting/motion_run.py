@@ -17,7 +17,7 @@ from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv
-from pmopt.units import per_second
+from pmopt.units import ONE, effort_unit, per_second
 
 Notify = Callable[[str], None]
 #: Name in the run's folder of the file that a trajectory was read from.
@@ -103,6 +103,7 @@ class MotionRun:
                 for joint in self.motion.joints.coordinates
             ] if self.demands else [],
             "fit": [r.to_dict() for r in self.planned.residuals],
+            "approaches": [asdict(a) for a in self.motion.approaches],
             "notes": list(self.planned.notes),
             "units": self.units,
         }  # fmt: skip
@@ -114,6 +115,7 @@ class MotionRun:
         mechanism = self.task.mechanism
         units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
         units |= {name: one.unit for name, one in columns(self.motion, mechanism).items()}
+        units["lci"] = ONE
         times = ("t", "start", "duration", "step", "from", "to", "worst_at", "at", "period")
         return units | dict.fromkeys(times, "s")
 
@@ -160,10 +162,19 @@ def run_motion(
     spans = [*motion.infeasible, *broken_limits(motion, task.mechanism, task.other_limits)]
     infeasible = tuple(sorted(spans, key=lambda span: (span.first, span.last)))
     if not task.config.efforts:
-        passed = tuple(f"passes {span.text}" if span.text.startswith("between") else
-                       f"at t = {motion.t[span.first]:.9g} s {span.text}"
-                       for span in motion.singular)  # fmt: skip
+        passed = tuple(
+            f"passes {span.text}" if span.text.startswith("between") else
+            span.text if span.text.startswith("at t") else
+            f"at t = {motion.t[span.first]:.9g} s {span.text}"
+            for span in motion.singular
+        )  # fmt: skip
         planned = replace(planned, notes=(*planned.notes, *passed))
+    units = {c.name: effort_unit(c.kind) for c in task.mechanism.joints}
+    near = tuple(approach.text(units) for approach in motion.approaches)
+    if near and notify is not None:
+        for line in near:
+            notify(line)
+    planned = replace(planned, notes=(*planned.notes, *near))
     run = MotionRun(
         task, planned, motion,
         () if motion.infeasible else demands(motion, task.mechanism), infeasible,

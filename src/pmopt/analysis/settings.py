@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
+from pmopt.inputs.fields import LENGTH, Unit, UnitByName
 from pmopt.mechanisms.base import JacobianKind
 
 Norm = Literal["2", "fro"]
@@ -53,22 +54,29 @@ class WorkspaceSettings(BaseModel):
     samples: int | None = Field(default=None, ge=16, le=MAX_SAMPLES)
     replicates: int | None = Field(default=None, ge=4, le=256)
     grid: int | None = Field(default=None, ge=4, le=30_000)
-    target_error: FiniteFloat | None = Field(default=None, gt=0, lt=1)
+    target_error: Annotated[FiniteFloat | None, Unit("1")] = Field(default=None, gt=0, lt=1)
     working_mode: str | None = None
     norm: Annotated[Norm, BeforeValidator(_norm)] = "2"
     jacobian: JacobianKind | None = None
     characteristic_length: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["optimal"] | None,
         BeforeValidator(_length),
+        Unit(LENGTH),
     ] = None
-    min_lci: FiniteFloat = Field(default=0.0, ge=0, le=1)
+    min_lci: Annotated[FiniteFloat, Unit("1")] = Field(default=0.0, ge=0, le=1)
     regions: Annotated[tuple[FiniteFloat, ...], Field(strict=False)] = (0.0, 0.1, 0.3, 1.0)
-    domain: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
-    limits: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
-    link_diameter: FiniteFloat | None = Field(default=None, gt=0)
-    platform_diameter: FiniteFloat | None = Field(default=None, gt=0)
-    cone_angle: FiniteFloat | None = Field(default=None, gt=0, le=math.pi)
-    tool: Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None, Field(strict=False)] = None
+    domain: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
+        default_factory=dict
+    )
+    limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
+        default_factory=dict
+    )
+    link_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(default=None, gt=0)
+    platform_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(default=None, gt=0)
+    cone_angle: Annotated[FiniteFloat | None, Unit("rad")] = Field(default=None, gt=0, le=math.pi)
+    tool: Annotated[
+        tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None, Field(strict=False), Unit(LENGTH)
+    ] = None
     aspect: Literal["home"] | None = None
     block: Literal["translational", "rotational"] | None = None
 

@@ -99,9 +99,7 @@ def capability_command(
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "capability"
     )
-    motor_limits = check_limits(
-        mechanism, options.parse_coordinates(motors, "--motors"), "--motors"
-    )
+    motor_limits = check_limits(mechanism, options.split_pairs(motors, "--motors"), "--motors")
     notify = notifier(quiet)
     asked = capability_run.CapabilityTask(
         mechanism,

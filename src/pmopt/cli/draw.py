@@ -40,7 +40,7 @@ def draw_command(
         raise InputError(f"--out: {out} exists; --force overwrites it")
     parameters = options.design_parameters(mechanism, params)
     mode = mechanism.check_mode(working_mode, "--working-mode")
-    given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
+    given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
     found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
     picture = draw_mechanism(mechanism, parameters, found.pose, mode)
     try:

@@ -43,7 +43,7 @@ def export_command(
         raise InputError(f"--out: {out} exists; --force overwrites it")
     parameters = options.design_parameters(mechanism, params)
     mode = mechanism.check_mode(working_mode, "--working-mode")
-    given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
+    given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
     at = mechanism.check_coordinates(given, mechanism.pose, "--pose")
     tree = declared_tree(mechanism, parameters, at, mode, "--pose")
     write_atomic(out, to_mjcf(tree, step))

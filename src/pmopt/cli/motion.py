@@ -59,6 +59,9 @@ def motion_command(
             picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
         write_atomic(animate, picture)
         notify(f"written to {animate}")
+    if form != "table":  # where they stand below it
+        for note in run.planned.notes:
+            notify(note)
     emit(form, run.to_dict(), tables)
     if run.infeasible:
         raise InputError(run.complaint())

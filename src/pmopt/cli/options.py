@@ -179,11 +179,6 @@ def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     return pairs
 
 
-def parse_coordinates(texts: Sequence[str], option: str) -> dict[str, float]:
-    """Return the numbers of ``--pose`` or ``--joints``."""
-    return {k: parse_number(option, k, v) for k, v in split_pairs(texts, option).items()}
-
-
 def parse_params(texts: Sequence[str]) -> dict[str, Any]:
     """Return the design parameters of ``--params``, inline and from files."""
     given: dict[str, Any] = {}
@@ -191,10 +186,7 @@ def parse_params(texts: Sequence[str]) -> dict[str, Any]:
         if text.startswith("@"):
             part = _params_file(Path(text[1:]))
         else:
-            part = {
-                k: parse_number("--params", k, v)
-                for k, v in split_pairs([text], "--params").items()
-            }
+            part = split_pairs([text], "--params")
         for name in part:
             if name in given:
                 raise InputError(f"--params: {name} is given twice")

@@ -13,7 +13,7 @@ import math
 import re
 from fractions import Fraction
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple, SupportsFloat
 
 #: Exponents of length, mass, time and angle.
 Dimension = tuple[int, int, int, int]
@@ -191,10 +191,50 @@ def convert(number: str, given: str, wanted: str) -> float:
     if source == target or plain == 0.0 or not math.isfinite(plain):
         return plain
     try:
-        value = float(Fraction(number) * source.factor / target.factor)
+        value = float(exact_number(number) * source.factor / target.factor)
     except OverflowError:
         return math.copysign(math.inf, plain)
     degrees = source.degrees - target.degrees
     if degrees < 0:
         return value * (180 / math.pi) ** -degrees
     return value * (math.pi / 180) ** degrees if degrees else value
+
+
+def exact_number(text: str) -> Fraction:
+    """Return a finite number's exact value, 0 for what a double cannot tell from it.
+
+    Python would write out all digits of ``1e-999999999``.
+    """
+    return Fraction(text) if float(text) else Fraction(0)
+
+
+def as_quantity(value: Any, unit: str) -> float:
+    """Return a number, or a text that is a quantity, as a float in a unit; it may be infinite.
+
+    Raises
+    ------
+    QuantityError
+        For anything else: no number, a boolean, NaN, another dimension.
+    """
+    if isinstance(value, str):
+        number = parse_quantity(value, unit)
+    elif isinstance(value, bool) or not isinstance(value, SupportsFloat):
+        raise QuantityError(f"{value!r} is no number")
+    else:
+        try:
+            number = float(value)
+        except (OverflowError, TypeError, ValueError):
+            raise QuantityError(f"{value!r} is no number that a double can hold") from None
+    if math.isnan(number):
+        raise QuantityError("nan is no number")
+    return number
+
+
+def in_degrees(value: Any) -> Any:
+    """Return numbers that are in degrees as quantities, also within lists."""
+    if isinstance(value, list | tuple):
+        return [in_degrees(v) for v in value]
+    try:
+        return math.radians(as_quantity(value, "1"))
+    except QuantityError:
+        return value  # with a unit of its own, or wrong

@@ -7,7 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
+from pmopt.analysis.validation import validated
+from pmopt.errors import InputError
 from pmopt.inputs.fields import LENGTH, Unit, UnitByName
+from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.base import JacobianKind
 
 Norm = Literal["2", "fro"]
@@ -40,6 +43,28 @@ def _length(value: Any) -> Any:
 
 def _norm(value: Any) -> Any:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+class _Named(BaseModel):
+    """What has to be known before the rest of a configuration is read: the mechanism."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    mechanism: str
+
+
+def named_mechanism(data: Any, where: str) -> Mechanism:
+    """Return the mechanism that a configuration names.
+
+    Raises
+    ------
+    InputError
+    """
+    name = validated(_Named, data, where).mechanism
+    try:
+        return find(name)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 class WorkspaceSettings(BaseModel):

@@ -12,7 +12,10 @@ import click
 
 from pmopt.analysis.rows import parse_number
 from pmopt.errors import InputError
+from pmopt.inputs.fields import LENGTH
+from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.mechanisms import Mechanism, find, names
+from pmopt.units import ANGLE, ONE
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -61,8 +64,9 @@ def _find(ctx: click.Context, param: click.Parameter, value: str) -> Mechanism:
 def mechanism_argument(function: Function) -> Function:
     """Add the MECH argument, passed on as a Mechanism."""
     return click.argument(
-        "mechanism", metavar="MECH", callback=_find, shell_complete=_complete_mechanism
-    )(function)
+        "mechanism", metavar="MECH", callback=_find, shell_complete=_complete_mechanism,
+        is_eager=True,  # quantities are in its units
+    )(function)  # fmt: skip
 
 
 def common_options(function: Function) -> Function:
@@ -110,20 +114,33 @@ class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every 
         return int(number)
 
 
-class Length(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
-    """A number, or the word optimal."""
+class Quantity(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
+    """A number, with a unit or in the one that is wanted; or one of some words.
 
-    name = "length"
+    Parameters
+    ----------
+    unit : str
+        ``length`` in it stands for the mechanism's unit of length.
+    *words : str
+    """
+
+    name = "quantity"
+
+    def __init__(self, unit: str, *words: str) -> None:
+        self.unit, self.words = unit, words
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float | str:
-        if value == "optimal":
-            return "optimal"
+        if value in self.words:
+            return str(value)
+        mechanism = ctx.params.get("mechanism") if ctx else None
+        unit = self.unit.replace(LENGTH, getattr(mechanism, "length_unit", "m"))
         try:
-            return float(value)
-        except ValueError:
-            self.fail(f"{value!r} is neither a number nor optimal", param, ctx)
+            return as_quantity(value, unit)
+        except QuantityError as error:
+            allowed = "".join(f", or {word}" for word in self.words)
+            self.fail(f"{error}{allowed}", param, ctx)
 
 
 params_option = click.option(
@@ -145,7 +162,8 @@ seed_option = click.option(
 jacobian_options = (
     click.option("--jacobian", "kind", type=click.Choice(["raw", "homogenized"]),
                  help="Jacobian the index is of. Default: the mechanism's own."),
-    click.option("--characteristic-length", type=Length(), metavar="X|optimal",
+    click.option("--characteristic-length", type=Quantity(LENGTH, "optimal"),
+                 metavar="X|optimal",
                  help="Length that makes the Jacobian homogeneous. Default: the mechanism's own; "
                  "optimal: the one with the best index."),
     click.option("--norm", type=click.Choice(["2", "fro"]), default="2", show_default=True,
@@ -212,23 +230,35 @@ def _params_file(path: Path) -> dict[str, Any]:
     return table
 
 
-def parse_ranges(texts: Sequence[str], option: str) -> dict[str, tuple[float, float]]:
-    """Return ranges given as ``name=lower:upper``; an end may be inf."""
-    ranges = {}
-    for name, text in split_pairs(texts, option).items():
-        low, colon, high = text.partition(":")
+def parse_ranges(
+    texts: Sequence[str], option: str, mechanism: Mechanism
+) -> dict[str, tuple[float, float]]:
+    """Return ranges given as ``name=lower:upper``, with units or not; an end may be inf."""
+    ranges: dict[str, tuple[float, float]] = {}
+    for given, text in split_pairs(texts, option).items():
+        name, ends = given, tuple(text.split(":"))
+        unit = mechanism.unit_named(given)
+        if unit is None and given.endswith("_deg"):
+            name = given.removesuffix("_deg")
+            unit = mechanism.unit_named(name)
+            if unit != ANGLE:
+                name, unit = given, None
         try:
-            ends = (float(low), float(high)) if colon else None
-        except ValueError:
-            ends = None
-        if ends is None or not ends[0] < ends[1]:
+            pair = [as_quantity(in_degrees(e) if name != given else e, unit or ONE) for e in ends]
+            reason = ""
+        except QuantityError as error:
+            pair, reason = [], f"{error}; "
+        if len(pair) != 2 or not pair[0] < pair[1]:
             raise InputError(
-                f"{option}: {name}={text} is not allowed: LOWER:UPPER with LOWER < UPPER is needed"
+                f"{option}: {given}={text} is not allowed: {reason}LOWER:UPPER with LOWER < UPPER "
+                "is needed"
             )
-        ranges[name] = ends
+        if name in ranges:
+            raise InputError(f"{option}: {name} is given twice")
+        ranges[name] = pair[0], pair[1]
     return ranges
 
 
-def parse_edges(text: str, option: str = "--regions") -> tuple[float, ...]:
+def parse_edges(text: str, option: str = "--regions", unit: str = ONE) -> tuple[float, ...]:
     """Return comma-separated numbers, the edges of ``--regions`` for one."""
-    return tuple(parse_number(option, "number", part) for part in text.split(","))
+    return tuple(parse_number(option, "number", part, unit) for part in text.split(","))

@@ -65,7 +65,7 @@ def ik_command(
     """
     _one_of(pose, poses, "--pose, --poses")
     given = options.design_parameters(mechanism, params)
-    ranges = options.parse_ranges(limits, "--limits")
+    ranges = options.parse_ranges(limits, "--limits", mechanism)
     mechanism.check_ranges(ranges, mechanism.limited, "--limits")
     if working_mode != "all":
         mechanism.check_mode(working_mode, "--working-mode")

@@ -71,8 +71,8 @@ def singularities_command(
         "working_mode": working_mode,
         "jacobian": kind,
         "characteristic_length": characteristic_length,
-        "domain": options.parse_ranges(domain, "--domain"),
-        "limits": options.parse_ranges(limits, "--limits"),
+        "domain": options.parse_ranges(domain, "--domain", mechanism),
+        "limits": options.parse_ranges(limits, "--limits", mechanism),
     }
     if path is not None:
         unused = {"samples": samples, "grid": grid, "domain": domain, "limits": limits, "out": out,

@@ -10,9 +10,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from pmopt.errors import InputError
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
@@ -55,8 +56,19 @@ class Units:
     of: Callable[[str], str | None]
 
 
-def in_units(model: type[BaseModel], data: Any, units: Units, where: str) -> Any:
+def in_units(model: type[BaseModel], data: Any, units: Units, where: str, path: str = "") -> Any:
     """Return data with numbers in place of quantities.
+
+    Parameters
+    ----------
+    model : type
+    data : Any
+        As a file or a caller gives it.
+    units : Units
+    where : str
+        What errors call the data.
+    path : str
+        The dotted key of the data there, with a dot at its end.
 
     Raises
     ------
@@ -74,15 +86,15 @@ def in_units(model: type[BaseModel], data: Any, units: Units, where: str) -> Any
             angle = _unit(model, base)
             if isinstance(angle, Unit) and angle.name.startswith("rad"):
                 name, unit, value = base, angle, in_degrees(value)
+        place = f"{where}: {path}{name}"
         if name in found:
-            raise InputError(f"{where}: {name} is given twice")
-        place = f"{where}.{name}"
+            raise InputError(f"{place} is given twice")
         if isinstance(unit, UnitByName):
             found[name] = _by_name(value, units, unit.per, place)
         elif isinstance(unit, Unit):
             found[name] = _number(value, unit.name.replace(LENGTH, units.length), place)
         else:
-            found[name] = _nested(model, name, value, units, place)
+            found[name] = _nested(model.model_fields.get(name), value, units, where, path + name)
     return found
 
 
@@ -92,16 +104,18 @@ def _unit(model: type[BaseModel], key: str) -> Unit | UnitByName | None:
     return next((m for m in marks if isinstance(m, Unit | UnitByName)), None)
 
 
-def _nested(model: type[BaseModel], key: str, value: Any, units: Units, where: str) -> Any:
+def _nested(field: FieldInfo | None, value: Any, units: Units, where: str, path: str) -> Any:
     """Return the table of a nested model, or tables by name of one, with numbers."""
-    field = model.model_fields.get(key)
     if field is None or not isinstance(value, dict):
         return value
     for candidate in (field.annotation, *get_args(field.annotation)):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
-            if getattr(field.annotation, "__origin__", None) is dict:
-                return {k: in_units(candidate, v, units, f"{where}.{k}") for k, v in value.items()}
-            return in_units(candidate, value, units, where)
+            if get_origin(field.annotation) is dict:
+                return {
+                    k: in_units(candidate, v, units, where, f"{path}.{k}.")
+                    for k, v in value.items()
+                }
+            return in_units(candidate, value, units, where, f"{path}.")
     return value
 
 
@@ -117,7 +131,7 @@ def _by_name(table: Any, units: Units, per: str, where: str) -> Any:
             if angle is not None and angle.startswith("rad"):
                 name, unit, value = base, angle, in_degrees(value)
         if name in found:
-            raise InputError(f"{where}: {name} is given twice")
+            raise InputError(f"{where}.{name} is given twice")
         known = None if unit is None else f"{unit}{per}"
         found[name] = value if known is None else _number(value, known, f"{where}.{name}")
     return found
@@ -131,5 +145,4 @@ def _number(value: Any, unit: str, where: str) -> Any:
     try:
         return as_quantity(value, unit)
     except QuantityError as error:
-        place, _, key = where.rpartition(".")
-        raise InputError(f"{place}: {key}={value!r} is not allowed: {error}") from None
+        raise InputError(f"{where}={value!r} is not allowed: {error}") from None

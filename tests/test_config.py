@@ -12,7 +12,7 @@ from strategies import junk, places, put, texts
 
 from pmopt.analysis.settings import MAX_SAMPLES
 from pmopt.checkpoint import differences
-from pmopt.cli.options import parse_edges, parse_params, parse_ranges, split_pairs
+from pmopt.cli.options import design_parameters, parse_edges, parse_ranges, split_pairs
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.synthesis.checkpoint import plain
@@ -452,13 +452,12 @@ fuzz = st.lists(arguments | pairs_text | pairs_text.map("@".__add__), max_size=3
 @example(["m=" + "9" * 5000])
 def test_params_are_numbers_or_refused(given_texts):
     try:
-        found = parse_params(given_texts)
-        resolved = find(MECH).resolve(found, "--params")
+        resolved = design_parameters(find(MECH), given_texts)
     except InputError as error:
         assert "--params" in str(error)
         return
     assert all(v is None or math.isfinite(v) for v in resolved.values())
-    assert len(found) == sum(text.count(",") + 1 for text in given_texts)
+    assert set(resolved) == {p.name for p in find(MECH).parameters}
 
 
 @given(fuzz)
@@ -492,10 +491,9 @@ def test_pairs_come_back_however_they_are_split(values, data):
     pairs = [f"{k} = {v!r}" for k, v in values.items()]
     cut = data.draw(st.integers(0, len(pairs) - 1))
     parts = [",".join(part) for part in (pairs[:cut], pairs[cut:]) if part]
-    assert {k: float(v) for k, v in parse_params(parts).items()} == values
     assert {k: float(v) for k, v in split_pairs(parts, "--pose").items()} == values
     with pytest.raises(InputError, match="twice"):
-        parse_params([*parts, pairs[0]])
+        split_pairs([*parts, pairs[0]], "--pose")
 
 
 @given(st.dictionaries(names, st.tuples(numbers, numbers), min_size=1, max_size=3))
@@ -525,6 +523,5 @@ def test_params_file_keeps_what_is_no_number_for_the_mechanism_to_refuse(tmp_pat
     assert isinstance(date, datetime.date)
     path = tmp_path_factory.mktemp("params") / "p.toml"
     path.write_text(f"m = {date.isoformat()}\n")
-    given_params = parse_params([f"@{path}"])
-    with pytest.raises(InputError, match=r"m=\d{4}-"):
-        find(MECH).resolve(given_params)
+    with pytest.raises(InputError, match=r"p.toml: m=\d{4}-"):
+        design_parameters(find(MECH), [f"@{path}"])

@@ -15,6 +15,7 @@ from pmopt.errors import InputError
 from pmopt.inputs.fields import LENGTH
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.mechanisms import Mechanism, find, names
+from pmopt.mechanisms.base import plain_names
 from pmopt.units import ANGLE, ONE
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -143,10 +144,31 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]  # not generic in eve
             self.fail(f"{error}{allowed}", param, ctx)
 
 
-params_option = click.option(
-    "--params", multiple=True, metavar="NAME=VALUE,..|@FILE.toml",
-    help="Design parameters; repeatable. Those left out take their defaults.",
-)  # fmt: skip
+STRICT = "pmopt.strict"
+
+
+def _set_strict(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    ctx.meta[STRICT] = value
+
+
+def params_option(function: Function) -> Function:
+    """Add --params and --strict."""
+    for option in (
+        click.option(
+            "--strict", is_flag=True, is_eager=True, expose_value=False, callback=_set_strict,
+            help="Refuse parameters beyond their bounds, which are else computed with a note.",
+        ),
+        click.option(
+            "--params", multiple=True, metavar="NAME=VALUE,..|@FILE|@RUN:DESIGN",
+            help="Design parameters, with units or in the mechanism's, or the design of a TOML, a "
+            "run (@RUN:knee, @RUN:57, @RUN:best-volume), a front (@front.csv:57) or a manifest; "
+            "repeatable. Those left out take their defaults.",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
 threads_option = click.option(
     "--threads", type=click.IntRange(min=1, max=4096),
     help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
@@ -197,37 +219,52 @@ def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     return pairs
 
 
-def parse_params(texts: Sequence[str]) -> dict[str, Any]:
-    """Return the design parameters of ``--params``, inline and from files."""
+def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, float | None]:
+    """Return all design parameters, given inline or by the design of a file or a run.
+
+    What is unusual about them is said on stderr; with ``--strict`` it is an error.
+    """
     given: dict[str, Any] = {}
+    notes: list[str] = []
     for text in texts:
+        where = "--params"
         if text.startswith("@"):
-            part = _params_file(Path(text[1:]))
+            from pmopt.reporting.designs import read_design
+
+            where = f"--params: {text[1:]}"
+            found = read_design(text[1:], mechanism, where)
+            part = found.parameters
+            notes += found.notes
         else:
-            part = split_pairs([text], "--params")
+            part = split_pairs([text], where)
+        part = plain_names(part, mechanism.parameters, where)
+        mechanism.resolve(part, where)
         for name in part:
             if name in given:
                 raise InputError(f"--params: {name} is given twice")
         given |= part
-    return given
+    resolved = mechanism.resolve(given, "--params")
+    beyond = mechanism.beyond_bounds({k: resolved[k] for k in given}, "--params")
+    say_unusual(beyond, notes)
+    return resolved
 
 
-def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, float | None]:
-    """Return all design parameters; what is wrong with one of a file names the file."""
-    for text in texts:
-        where = f"--params: {text[1:]}" if text.startswith("@") else "--params"
-        mechanism.resolve(parse_params([text]), where)
-    return mechanism.resolve(parse_params(texts), "--params")
+def say_unusual(beyond: Sequence[str], notes: Sequence[str] = ()) -> None:
+    """Say what is unusual about the input on stderr.
 
-
-def _params_file(path: Path) -> dict[str, Any]:
-    from pmopt.analysis.validation import read_toml
-
-    data = read_toml(path, f"--params: {path}")
-    table = data.get("parameters", data)
-    if not isinstance(table, dict):
-        raise InputError(f"--params: {path}: parameters is no table of NAME = VALUE")
-    return table
+    Raises
+    ------
+    InputError
+        With ``--strict``, for what is beyond its bounds.
+    """
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return
+    if beyond and context.meta.get(STRICT):
+        raise InputError(beyond[0])
+    for note in (*notes, *beyond):
+        if not context.params.get("quiet"):
+            click.echo(note, err=True)
 
 
 def parse_ranges(

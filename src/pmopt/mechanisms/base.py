@@ -15,6 +15,9 @@ from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.fields import Units
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.units import (
+    ANGLE,
+    METRES,
+    ONE,
     WATT,
     Kind,
     LengthUnit,
@@ -494,6 +497,35 @@ class Mechanism(ABC):
             p.name: self.check_parameter(p, plain[p.name], where) if p.name in plain else p.default
             for p in self.parameters
         }
+
+    def beyond_bounds(self, parameters: Parameters, where: str) -> list[str]:
+        """Return one line for parameters outside their optimisation bounds, none where all are in.
+
+        It asks about a unit where a value would be within them in another one.
+        """
+        found = []
+        for name, value in parameters.items():
+            parameter = self.parameter(name)
+            if value is None or parameter.bounds is None:
+                continue
+            low, high = parameter.bounds
+            if low <= value <= high:
+                continue
+            unit = self.unit(parameter)
+            units = METRES if parameter.kind == "length" else {ANGLE: 1.0, "deg": math.pi / 180}
+            meant = [
+                other
+                for other, size in units.items()
+                if parameter.kind != "ratio"
+                and other != unit
+                and low <= value * size / units[unit] <= high  # type: ignore[index]
+            ]
+            found.append(
+                f"{name} = {value:g}{'' if unit == ONE else f' {unit}'} is outside its bounds "
+                f"{low:g} to {high:g}{'' if unit == ONE else f' {unit}'}"
+                f"{f'; {value:g} {meant[0]}?' if meant else ''}"
+            )
+        return [f"{where}: {', '.join(found)}"] if found else []
 
     def check_parameter(self, parameter: Parameter, value: Any, where: str) -> float | None:
         """Return one parameter's value as a float, or None for an optional one that is unset."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -18,6 +18,7 @@ from pmopt.analysis.settings import FiniteFloat, Range, named_mechanism
 from pmopt.analysis.validation import read_toml, validated
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.fields import LENGTH, Unit, UnitByName
+from pmopt.inputs.overrides import overridden
 from pmopt.mechanisms import Mechanism
 from pmopt.mechanisms.base import (
     LARGEST_COORDINATE,
@@ -386,15 +387,22 @@ class MotionTask:
         return document
 
 
-def load_motion(path: Path) -> MotionTask:
+def load_motion(path: Path, sets: Sequence[str] = ()) -> MotionTask:
     """Read and resolve a TOML configuration.
+
+    Parameters
+    ----------
+    path : Path
+    sets : sequence of str
+        ``KEY=VALUE`` that take the place of what stands there.
 
     Raises
     ------
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    return resolve_motion(read_toml(path, str(path)), str(path), path.parent)
+    data = overridden(read_toml(path, str(path)), sets)
+    return resolve_motion(data, str(path), path.parent)
 
 
 def resolve_motion(data: Any, where: str, folder: Path) -> MotionTask:

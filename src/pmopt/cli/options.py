@@ -151,18 +151,35 @@ def _set_strict(ctx: click.Context, param: click.Parameter, value: bool) -> None
     ctx.meta[STRICT] = value
 
 
+_strict_option = click.option(
+    "--strict", is_flag=True, is_eager=True, expose_value=False, callback=_set_strict,
+    help="Refuse parameters beyond their bounds, which are else computed with a note.",
+)  # fmt: skip
+
+
 def params_option(function: Function) -> Function:
     """Add --params and --strict."""
     for option in (
-        click.option(
-            "--strict", is_flag=True, is_eager=True, expose_value=False, callback=_set_strict,
-            help="Refuse parameters beyond their bounds, which are else computed with a note.",
-        ),
+        _strict_option,
         click.option(
             "--params", multiple=True, metavar="NAME=VALUE,..|@FILE|@RUN:DESIGN",
             help="Design parameters, with units or in the mechanism's, or the design of a TOML, a "
             "run (@RUN:knee, @RUN:57, @RUN:best-volume), a front (@front.csv:57) or a manifest; "
             "repeatable. Those left out take their defaults.",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def config_options(function: Function) -> Function:
+    """Add --set, passed on as ``sets``, and --strict."""
+    for option in (
+        _strict_option,
+        click.option(
+            "--set", "sets", multiple=True, metavar="KEY=VALUE",
+            help="Instead of what the file says: a dotted key and its value, such as "
+            "algorithm.population=50 or parameters.l1=650mm; repeatable.",
         ),
     ):  # fmt: skip
         function = option(function)

@@ -498,15 +498,17 @@ class Mechanism(ABC):
             for p in self.parameters
         }
 
-    def beyond_bounds(self, parameters: Parameters, where: str) -> list[str]:
+    def beyond_bounds(self, parameters: Mapping[str, Any], where: str) -> list[str]:
         """Return one line for parameters outside their optimisation bounds, none where all are in.
+
+        What is no number, such as a range or an unset parameter, does not count.
 
         It asks about a unit where a value would be within them in another one.
         """
         found = []
         for name, value in parameters.items():
             parameter = self.parameter(name)
-            if value is None or parameter.bounds is None:
+            if not isinstance(value, float) or parameter.bounds is None:
                 continue
             low, high = parameter.bounds
             if low <= value <= high:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +13,7 @@ from pmopt.analysis.sweeper import TOOL
 from pmopt.analysis.validation import read_toml, validated
 from pmopt.errors import InputError
 from pmopt.inputs.fields import Unit
+from pmopt.inputs.overrides import overridden
 from pmopt.inputs.quantities import QuantityError, as_quantity
 from pmopt.mechanisms import Mechanism
 from pmopt.mechanisms.base import plain_names
@@ -185,15 +187,21 @@ def _parameters(
     return resolved
 
 
-def load_config(path: Path) -> RunConfig:
+def load_config(path: Path, sets: Sequence[str] = ()) -> RunConfig:
     """Read and resolve a TOML configuration.
+
+    Parameters
+    ----------
+    path : Path
+    sets : sequence of str
+        ``KEY=VALUE`` that take the place of what stands there.
 
     Raises
     ------
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    data = read_toml(path, str(path))
+    data = overridden(read_toml(path, str(path)), sets)
     if data.pop("command", "pareto") != "pareto" or "sweep" in data:
         raise InputError(f"{path}: is a configuration of pmopt batch (it has command or sweep)")
     return resolve_config(data, str(path))

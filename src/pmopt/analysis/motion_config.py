@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pmopt.analysis.formulas import check_constants
 from pmopt.analysis.laws import LawName
 from pmopt.analysis.settings import FiniteFloat, Range, named_mechanism
-from pmopt.analysis.validation import read_toml, validated
+from pmopt.analysis.validation import read_config, validated
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.fields import LENGTH, Unit, UnitByName
 from pmopt.inputs.overrides import overridden
@@ -401,7 +401,7 @@ def load_motion(path: Path, sets: Sequence[str] = ()) -> MotionTask:
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    data = overridden(read_toml(path, str(path)), sets)
+    data = overridden(read_config(path, "motion"), sets)
     return resolve_motion(data, str(path), path.parent)
 
 

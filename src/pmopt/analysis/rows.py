@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from pmopt.errors import InputError, unknown_name
+from pmopt.errors import InputError
 from pmopt.inputs.quantities import QuantityError, exact_number, parse_quantity, parse_unit
 from pmopt.inputs.tables import Table, read_table
 from pmopt.mechanisms.base import Coordinate, Mechanism
@@ -104,9 +104,10 @@ def read_rows(
         found[base] = _values(table, k, units[base], "deg" if base != name else None, place)
     for name in units:
         if name not in found:
-            if aside:
-                raise unknown_name(f"{place}: {name} is missing", aside[0], units)
-            raise InputError(f"{place}: {name} is missing, needed: {', '.join(units)}")
+            raise InputError(
+                f"{place}: {name} is missing, needed: {', '.join(units)}; "
+                f"the header has {', '.join(table.names)}"
+            )
     notes = [f"{place}: columns left aside: {', '.join(aside)}"] if aside else []
     times = None
     if TIME in table.names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -12,7 +13,9 @@ from pydantic import BaseModel, ValidationError
 
 from pmopt.errors import InputError
 from pmopt.inputs.fields import Units, in_units
+from pmopt.inputs.identify import check_config, missing
 from pmopt.inputs.text import read_text
+from pmopt.mechanisms import names
 
 Model = TypeVar("Model", bound=BaseModel)
 #: Parts of an error's place that name an alternative of a type, no key.
@@ -51,6 +54,21 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: is no TOML file: {error}") from None
     return data
+
+
+def read_config(path: Path, command: str) -> dict[str, Any]:
+    """Return the content of the configuration of a command.
+
+    Raises
+    ------
+    InputError
+        For a file that is none, saying what it is and which command reads it.
+    """
+    if not os.path.isfile(path) or path.suffix.lower() in (".csv", ".json", ".png", ".xml"):
+        raise missing(path, names(), command)
+    data = read_toml(path, str(path))
+    check_config(path, data, command)
+    return {key: value for key, value in data.items() if key != "command"}
 
 
 def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str:

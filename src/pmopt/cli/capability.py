@@ -88,9 +88,7 @@ def capability_command(
     for name, value in sizes.items():
         if not 0 <= value < 1e9:
             raise InputError(f"--{name}: {value} is not allowed: a number from 0 to 1e9 is needed")
-    place = options.parse_edges(payload_centre, "--payload-centre", mechanism.length_unit)
-    if len(place) != 3:
-        raise InputError(f"--payload-centre: {payload_centre} is no X,Y,Z")
+    place = options.parse_point(payload_centre, "--payload-centre", mechanism.length_unit)
     given: dict[str, Any] = {
         "working_mode": working_mode,
         "domain": options.parse_ranges(domain, "--domain", mechanism),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +16,6 @@ from pmopt.errors import InputError
 from pmopt.inputs.fields import LENGTH
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.mechanisms import Mechanism, find, names
-from pmopt.mechanisms.base import plain_names
 from pmopt.units import ANGLE, ONE
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -221,6 +221,19 @@ def out_options(function: Function) -> Function:
     return function
 
 
+def _meant(text: str) -> str:
+    """Return the pairs that a text may have meant, where it is clear."""
+    bare = re.sub(r"[\[\](){}]", "", text)
+    if re.fullmatch(r"\s*[\w]+\s*=\s*[+-]?\d+,\d+\s*", bare) and bare == text:
+        return f": a decimal point is needed, {text.replace(',', '.')}"
+    if "[" in text and "=" in text:
+        return ": a range is LOWER:UPPER, without brackets"
+    pairs = re.findall(r"([A-Za-z_]\w*)\s*[=:]\s*([^\s;,=:]+)", bare)
+    if not pairs:
+        return "; each value needs a name"
+    return f": {','.join(f'{name}={value}' for name, value in pairs)}?"
+
+
 def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     """Return ``name=value`` pairs, comma-separated and repeatable, each name once."""
     pairs: dict[str, str] = {}
@@ -228,8 +241,8 @@ def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
         for part in text.split(","):
             name, equals, value = part.partition("=")
             name, value = name.strip(), value.strip()
-            if not equals or not name or not value:
-                raise InputError(f"{option}: {part.strip()!r} is not NAME=VALUE")
+            if not equals or not name or not value or "=" in value:
+                raise InputError(f"{option}: {part.strip()!r} is not NAME=VALUE{_meant(text)}")
             if name in pairs:
                 raise InputError(f"{option}: {name} is given twice")
             pairs[name] = value
@@ -254,7 +267,7 @@ def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, f
             notes += found.notes
         else:
             part = split_pairs([text], where)
-        part = plain_names(part, mechanism.parameters, where)
+        part = mechanism.plain_names(part, mechanism.parameters, where)
         mechanism.resolve(part, where)
         for name in part:
             if name in given:
@@ -288,8 +301,12 @@ def parse_ranges(
     texts: Sequence[str], option: str, mechanism: Mechanism
 ) -> dict[str, tuple[float, float]]:
     """Return ranges given as ``name=lower:upper``, with units or not; an end may be inf."""
+    tool = [f"tool_{axis}" for axis in "xyz"]  # allowed where a tool is given: checked later
+    known = [c.name for c in (mechanism.pose if option == "--domain" else mechanism.limited)]
     ranges: dict[str, tuple[float, float]] = {}
     for given, text in split_pairs(texts, option).items():
+        if given.removesuffix("_deg") not in (*known, *tool) and given not in known:
+            raise mechanism.unknown_coordinate(option, given, known)
         name, ends = given, tuple(text.split(":"))
         unit = mechanism.unit_named(given)
         if unit is None and given.endswith("_deg"):
@@ -305,12 +322,20 @@ def parse_ranges(
         if len(pair) != 2 or not pair[0] < pair[1]:
             raise InputError(
                 f"{option}: {given}={text} is not allowed: {reason}LOWER:UPPER with LOWER < UPPER "
-                "is needed"
+                f"is needed, such as {given}=0:1"
             )
         if name in ranges:
             raise InputError(f"{option}: {name} is given twice")
         ranges[name] = pair[0], pair[1]
     return ranges
+
+
+def parse_point(text: str, option: str, unit: str) -> tuple[float, float, float]:
+    """Return three comma-separated numbers."""
+    found = parse_edges(text, option, unit)
+    if len(found) != 3:
+        raise InputError(f"{option}: {text} is not allowed: three numbers X,Y,Z are needed")
+    return found[0], found[1], found[2]
 
 
 def parse_edges(text: str, option: str = "--regions", unit: str = ONE) -> tuple[float, ...]:

@@ -170,7 +170,7 @@ def workspace_command(
         "cone_angle": cone_angle,
         "tool": None
         if tool is None
-        else options.parse_edges(tool, "--tool", mechanism.length_unit),
+        else options.parse_point(tool, "--tool", mechanism.length_unit),
     }
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"

@@ -492,11 +492,57 @@ class Mechanism(ABC):
         InputError
             For an unknown name or a value out of the physical range.
         """
-        plain = plain_names(given, self.parameters, where)
+        plain = self.plain_names(given, self.parameters, where)
         return {
             p.name: self.check_parameter(p, plain[p.name], where) if p.name in plain else p.default
             for p in self.parameters
         }
+
+    def plain_names(
+        self, given: Mapping[str, Any], known: Sequence[Coordinate | Parameter], where: str
+    ) -> dict[str, Any]:
+        """Return what is given under the names that are known; ``<angle>_deg`` is in degrees.
+
+        Raises
+        ------
+        InputError
+            For a name that is unknown or belongs elsewhere, and one that is given twice.
+        """
+        kinds = {k.name: k.kind for k in known}
+        plain: dict[str, Any] = {}
+        for name, value in given.items():
+            base, found = name, value
+            if name not in kinds and name.endswith("_deg"):
+                base = name.removesuffix("_deg")
+                found = in_degrees(value)
+            if base not in kinds or (base != name and kinds[base] != "angle"):
+                raise self.unknown_coordinate(where, name, list(kinds))
+            if base in plain:
+                raise InputError(f"{where}: {base} is given twice")
+            plain[base] = found
+        return plain
+
+    def unknown_coordinate(self, where: str, name: str, allowed: Sequence[str]) -> InputError:
+        """Return the error for a name that is not allowed, saying where it belongs if it is known.
+
+        Parameters
+        ----------
+        where : str
+        name : str
+        allowed : sequence of str
+        """
+        base = name.removesuffix("_deg")
+        places: tuple[tuple[Sequence[Coordinate | Parameter], str], ...] = (
+            (self.pose, "a pose coordinate: --pose gives it, domain (--domain) bounds it"),
+            (self.joints, "an actuated joint: --joints gives it, limits (--limits) bound it"),
+            (self.passive, "a passive joint: limits (--limits) bound it"),
+            (self.parasitic, "parasitic: it follows from the pose"),
+            (self.parameters, "a parameter: parameters (--params) set it"),
+        )
+        for group, what in places:
+            if base in [c.name for c in group]:
+                return InputError(f"{where}: {base} is {what}; here: {', '.join(allowed)}")
+        return unknown_name(where, name, allowed)
 
     def beyond_bounds(self, parameters: Mapping[str, Any], where: str) -> list[str]:
         """Return one line for parameters outside their optimisation bounds, none where all are in.
@@ -559,7 +605,7 @@ class Mechanism(ABC):
     ) -> dict[str, tuple[float, float]]:
         """Return ranges of pose or joint coordinates, checked; for units see :meth:`resolve`."""
         checked = {}
-        for name, value in plain_names(ranges, coordinates, where).items():
+        for name, value in self.plain_names(ranges, coordinates, where).items():
             coordinate = next(c for c in coordinates if c.name == name)
             ends = list(value) if isinstance(value, list | tuple) else []
             shown = ":".join(map(str, ends)) if ends else value
@@ -587,7 +633,7 @@ class Mechanism(ABC):
         For units and degrees see :meth:`resolve`.
         """
         names = [c.name for c in coordinates]
-        plain = plain_names(given, coordinates, where)
+        plain = self.plain_names(given, coordinates, where)
         values: dict[str, float] = {}
         for coordinate in coordinates:
             name = coordinate.name
@@ -606,31 +652,6 @@ class Mechanism(ABC):
                     f"{LARGEST_COORDINATE:g} {unit} in size is needed"
                 )
         return values
-
-
-def plain_names(
-    given: Mapping[str, Any], known: Sequence[Coordinate | Parameter], where: str
-) -> dict[str, Any]:
-    """Return what is given under the names that are known; ``<angle>_deg`` is in degrees.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, and one that is given twice.
-    """
-    kinds = {k.name: k.kind for k in known}
-    plain: dict[str, Any] = {}
-    for name, value in given.items():
-        base, found = name, value
-        if name not in kinds and name.endswith("_deg"):
-            base = name.removesuffix("_deg")
-            found = in_degrees(value)
-        if base not in kinds or (base != name and kinds[base] != "angle"):
-            raise unknown_name(where, name, kinds)
-        if base in plain:
-            raise InputError(f"{where}: {base} is given twice")
-        plain[base] = found
-    return plain
 
 
 def as_number(value: Any) -> float | None:

@@ -18,6 +18,7 @@ from typing import Any
 
 from pmopt.analysis.validation import read_toml
 from pmopt.errors import InputError, InputErrors
+from pmopt.inputs.identify import describe
 from pmopt.inputs.overrides import (
     SET,
     overridden,
@@ -104,7 +105,8 @@ def find_configs(patterns: Sequence[str]) -> list[str]:
             if not match:
                 lines.append("CONFIG: '' is no name of a file")
             if os.path.isdir(match):
-                lines.append(f"{match}: is a folder; a quoted glob like '{match}/*.toml' is needed")
+                what = describe(Path(match))
+                lines.append(f"{match}: {what}; a quoted glob like '{match}/*.toml' is needed")
             found.setdefault(os.path.abspath(match), match)
     if lines:
         raise InputErrors(lines)

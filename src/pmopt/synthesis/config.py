@@ -10,13 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings, named_mechanism
 from pmopt.analysis.sweeper import TOOL
-from pmopt.analysis.validation import read_toml, validated
+from pmopt.analysis.validation import read_config, validated
 from pmopt.errors import InputError
 from pmopt.inputs.fields import Unit
 from pmopt.inputs.overrides import overridden
 from pmopt.inputs.quantities import QuantityError, as_quantity
 from pmopt.mechanisms import Mechanism
-from pmopt.mechanisms.base import plain_names
 
 Objective = Literal["volume", "gci", "projected_volume", "footprint"]
 #: +1 for what is maximised, -1 for what is minimised.
@@ -163,7 +162,7 @@ def _parameters(
 ) -> dict[str, float | tuple[float, float] | None]:
     """Return every parameter as a fixed number, a range or None (unset)."""
     place = f"{where}: parameters"
-    plain = plain_names(config.parameters, mechanism.parameters, place)
+    plain = mechanism.plain_names(config.parameters, mechanism.parameters, place)
     resolved: dict[str, float | tuple[float, float] | None] = {}
     for parameter in mechanism.parameters:
         own = parameter.default if parameter.bounds is None else parameter.bounds
@@ -201,7 +200,5 @@ def load_config(path: Path, sets: Sequence[str] = ()) -> RunConfig:
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    data = overridden(read_toml(path, str(path)), sets)
-    if data.pop("command", "pareto") != "pareto" or "sweep" in data:
-        raise InputError(f"{path}: is a configuration of pmopt batch (it has command or sweep)")
+    data = overridden(read_config(path, "pareto"), sets)
     return resolve_config(data, str(path))

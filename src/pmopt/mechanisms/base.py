@@ -540,7 +540,7 @@ class Mechanism(ABC):
             (self.parameters, "a parameter: parameters (--params) set it"),
         )
         for group, what in places:
-            if base in [c.name for c in group]:
+            if base not in allowed and base in [c.name for c in group]:
                 return InputError(f"{where}: {base} is {what}; here: {', '.join(allowed)}")
         return unknown_name(where, name, allowed)
 

@@ -53,7 +53,7 @@ def read_design(reference: str, mechanism: Mechanism, where: str) -> Design:
     """
     path, chosen = _split(reference)
     if not os.path.exists(path):  # also where the name is too long for one
-        raise InputError(f"{where}: {path}: no such file or folder")
+        raise InputError(f"{where}: no such file or folder")
     if path.is_dir():
         found = _of_run(path, chosen, mechanism, where)
     elif path.suffix.lower() == ".csv":

@@ -163,8 +163,8 @@ BROKEN = {
     "sweep = 3": "sweep: a table of KEY = [VALUE, ..] is needed",
     "[sweep]": "sweep: a table of KEY = [VALUE, ..] is needed",
     "[sweep.workspace]": "sweep.workspace: a table of KEY = [VALUE, ..] is needed",
-    "[sweep]\nmechanism = 'x'": "mechanism='x' is not allowed: a list is needed",
-    "[sweep]\nmechanism = []": "mechanism=[] is not allowed: a list is needed",
+    "[sweep]\nmechanism = 'x'": "mechanism='x' is not allowed: a list, a range \"FROM:TO:STEP\" or {start, stop, num} is needed",
+    "[sweep]\nmechanism = []": 'mechanism=[] is not allowed: a list, a range "FROM:TO:STEP" or {start, stop, num} is needed',
     "[sweep]\na = [1, 2, 1]": "a: 1 is given twice",
     "[sweep]\na = [1, 2]\n'a.b' = [1]": "a.b is part of a: give one",
     "[sweep]\n'a..b' = [1]": "'a..b' is no key of a configuration",
@@ -349,7 +349,7 @@ def test_usage(write, tmp_path, line, message):
 
 def test_pareto_says_whose_configuration_it_is(write, tmp_path):
     for path in (write("s.toml", SWEEP), write("w.toml", WORKSPACE)):
-        assert "is a configuration of pmopt batch" in error_line(here("pareto", path, cwd=tmp_path))
+        assert "is the configuration of a batch" in error_line(here("pareto", path, cwd=tmp_path))
     path = write("p.toml", f'command = "pareto"\n{PARETO}')
     assert here("pareto", path, "--dry-run", cwd=tmp_path).returncode == 0
 

@@ -12,7 +12,7 @@ from strategies import junk, places, put, texts
 
 from pmopt.analysis.settings import MAX_SAMPLES
 from pmopt.checkpoint import differences
-from pmopt.cli.options import parse_coordinates, parse_edges, parse_params, parse_ranges
+from pmopt.cli.options import design_parameters, parse_edges, parse_ranges, split_pairs
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.synthesis.checkpoint import plain
@@ -239,7 +239,7 @@ KNOWN = {
 }  # fmt: skip
 
 
-@given(configs, st.booleans() | st.just(math.nan) | st.just("1") | st.just([]) | st.dates())
+@given(configs, st.booleans() | st.just(math.nan) | st.just("1 K") | st.just([]) | st.dates())
 def test_numbers_are_numbers(config, wrong):
     """Booleans, NaN, text, lists and dates stand nowhere where a number belongs."""
     numbers = [
@@ -452,18 +452,20 @@ fuzz = st.lists(arguments | pairs_text | pairs_text.map("@".__add__), max_size=3
 @example(["m=" + "9" * 5000])
 def test_params_are_numbers_or_refused(given_texts):
     try:
-        found = parse_params(given_texts)
+        resolved = design_parameters(find(MECH), given_texts)
     except InputError as error:
         assert "--params" in str(error)
         return
-    assert all(isinstance(v, float) and math.isfinite(v) for v in found.values())
-    assert len(found) == sum(text.count(",") + 1 for text in given_texts)
+    assert all(v is None or math.isfinite(v) for v in resolved.values())
+    assert set(resolved) == {p.name for p in find(MECH).parameters}
 
 
 @given(fuzz)
 def test_coordinates_are_numbers_or_refused(given_texts):
+    mechanism = find(MECH)
     try:
-        found = parse_coordinates(given_texts, "--pose")
+        pairs = split_pairs(given_texts, "--pose")
+        found = mechanism.check_coordinates(pairs, mechanism.pose, "--pose")
     except InputError as error:
         assert str(error).startswith("--pose: ")
         return
@@ -477,7 +479,7 @@ def test_coordinates_are_numbers_or_refused(given_texts):
 @example(["x=0:1:2"])
 def test_ranges_are_ascending_or_refused(given_texts):
     try:
-        found = parse_ranges(given_texts, "--domain")
+        found = parse_ranges(given_texts, "--domain", find(MECH))
     except InputError as error:
         assert str(error).startswith("--domain: ")
         return
@@ -489,10 +491,9 @@ def test_pairs_come_back_however_they_are_split(values, data):
     pairs = [f"{k} = {v!r}" for k, v in values.items()]
     cut = data.draw(st.integers(0, len(pairs) - 1))
     parts = [",".join(part) for part in (pairs[:cut], pairs[cut:]) if part]
-    assert parse_params(parts) == values
-    assert parse_coordinates(parts, "--pose") == values
+    assert {k: float(v) for k, v in split_pairs(parts, "--pose").items()} == values
     with pytest.raises(InputError, match="twice"):
-        parse_params([*parts, pairs[0]])
+        split_pairs([*parts, pairs[0]], "--pose")
 
 
 @given(st.dictionaries(names, st.tuples(numbers, numbers), min_size=1, max_size=3))
@@ -500,10 +501,10 @@ def test_ranges_come_back(values):
     values = {k: (min(v), max(v)) for k, v in values.items()}
     assume(all(low < high for low, high in values.values()))
     text = ",".join(f"{k}={low!r}:{high!r}" for k, (low, high) in values.items())
-    assert parse_ranges([text], "--limits") == values
+    assert parse_ranges([text], "--limits", find(MECH)) == values
     backwards = ",".join(f"{k}={high!r}:{low!r}" for k, (low, high) in values.items())
     with pytest.raises(InputError, match="LOWER < UPPER"):
-        parse_ranges([backwards], "--limits")
+        parse_ranges([backwards], "--limits", find(MECH))
 
 
 @given(st.lists(numbers, min_size=1, max_size=5))
@@ -512,7 +513,7 @@ def test_edges_come_back(values):
 
 
 def test_open_ranges():
-    assert parse_ranges(["x=-inf:1", "y=0:inf"], "--domain") == {
+    assert parse_ranges(["x=-inf:1", "y=0:inf"], "--domain", find(MECH)) == {
         "x": (-math.inf, 1.0), "y": (0.0, math.inf),
     }  # fmt: skip
 
@@ -522,6 +523,5 @@ def test_params_file_keeps_what_is_no_number_for_the_mechanism_to_refuse(tmp_pat
     assert isinstance(date, datetime.date)
     path = tmp_path_factory.mktemp("params") / "p.toml"
     path.write_text(f"m = {date.isoformat()}\n")
-    given_params = parse_params([f"@{path}"])
-    with pytest.raises(InputError, match=r"m=\d{4}-"):
-        find(MECH).resolve(given_params)
+    with pytest.raises(InputError, match=r"p.toml: m=\d{4}-"):
+        design_parameters(find(MECH), [f"@{path}"])

@@ -364,7 +364,7 @@ def test_refused_as_a_process(short):
     (short / "m.toml").write_text('mechanism = "2pauu-ppap"\n[trajectory]\nfile = "p.csv"\n')
     line = error_line(pmopt("motion", "m.toml", cwd=short))
     assert "m.toml: trajectory.file: p.csv, line 3: y=nan is not allowed" in line
-    assert "none.toml: can not read" in error_line(pmopt("motion", "none.toml", cwd=short))
+    assert "none.toml: no such file" in error_line(pmopt("motion", "none.toml", cwd=short))
 
 
 def test_drawings_in_time_are_checked_first(short):

@@ -370,8 +370,9 @@ BAD_FILES = [
      "p.csv, line 6: a gap from t=3.0 to 9.0 s: at most 2.5 s"),
     ("t,x,y\n0,0,0\n1,0,0\n", "p.csv: z is missing, needed: x, y, z"),
     ("x,y,z\n0,0,0\n1,0,0\n", "p.csv: column t is missing"),
-    ("t,x,y,z,q\n0,0,0,1,1\n1,0,0,1,1\n", "p.csv: unknown name 'q'"),
-    ("t,x,y,z_deg\n0,0,0,1\n1,0,0,1\n", "unknown name 'z_deg'"),
+    ("t,x,y,z_deg\n0,0,0,1\n1,0,0,1\n", "z is missing: unknown name 'z_deg'"),
+    ("t [mm],x,y,z\n0,0,0,1\n1,0,0,1\n", "column t: the unit mm does not fit: a number in s"),
+    ("t,x [kg],y,z\n0,0,0,1\n1,0,0,1\n", "column x: the unit kg does not fit: a number in m"),
     ("t,x,x,z\n0,0,0,1\n1,0,0,1\n", "column x is given twice"),
     ("t,x,y,z\n0,0,0,1e300\n1,0,0,1\n", "z=1e+300 is not allowed"),
     ("t,x,y,z\n", "has no rows"),
@@ -388,7 +389,7 @@ def test_bad_files(tmp_path, text, told):
 
 
 def test_more_of_files(tmp_path):
-    assert "can not read" in refusal({"file": "none.csv"}, tmp_path)
+    assert "cannot read" in refusal({"file": "none.csv"}, tmp_path)
     t = np.arange(11.0)
     record(tmp_path / "p.csv", t, t, t, t)
     assert "duration=11 s is longer" in refusal({"file": "p.csv", "duration": 11.0}, tmp_path)
@@ -415,7 +416,7 @@ BAD_TABLES = [
     (BASE | {"through": True, "dwell": 0.1}, "through: not together with dwell"),
     (BASE | {"waypoints": [[0, 0, 1]]}, "trajectory.waypoints"),
     (BASE | {"waypoints": [[0, 0, 1], [0, 0]]}, "waypoint 2: 2 numbers, needed: x, y, z"),
-    (BASE | {"waypoints": [[0, 0, 1], [0, 0, "1"]]}, "waypoint 2: z=1 is not allowed"),
+    (BASE | {"waypoints": [[0, 0, 1], [0, 0, "1 s"]]}, "waypoint 2: z=1 s is not allowed"),
     (BASE | {"waypoints": [[0, 0, 1], [0, 0, math.inf]]}, "waypoint 2: z=inf is not allowed"),
     (BASE | {"waypoints": [[0, 0, 1], 3]}, "waypoint 2=3 is not allowed"),
     (BASE | {"waypoints": [[0, 0, 1], {"x": 1, "y": 1, "w": 1}]}, "waypoint 2: unknown name 'w'"),
@@ -467,3 +468,64 @@ def test_instants(duration, step, start):
     assert t[0] == pytest.approx(start, abs=1e-12)
     assert t[-1] == pytest.approx(start + duration, abs=1e-8)
     assert (np.diff(t) > 0).all() and (np.diff(t) <= step * (1 + 1e-9) + 1e-11).all()
+
+
+PEOPLE = {
+    "further column": ("t,x,y,z,gripper\n", ",", ",1", "."),
+    "semicolons": ("t;x;y;z\n", ";", "", "."),
+    "decimal commas": ("t;x;y;z\n", ";", "", ","),
+    "tabs": ("t\tx\ty\tz\n", "\t", "", "."),
+    "sep": ("sep=;\nt;x;y;z\n", ";", "", ","),
+    "other order": ("gripper;t;x;y;z\n", ";", "", "."),
+}
+
+
+@pytest.mark.parametrize("form", PEOPLE.values(), ids=PEOPLE)
+def test_recordings_as_people_have_them(form, tmp_path):
+    head, separator, tail, decimal = form
+    t = np.arange(7) / 8
+    rows = np.stack([t, 0.1 * t, 0.2 * t, 1 + t], axis=1)
+    record(tmp_path / "plain.csv", *rows.T)
+    front = f"1{separator}" if head.startswith("gripper") else ""
+    lines = [front + separator.join(map(repr, row)).replace(".", decimal) + tail
+             for row in rows.tolist()]  # fmt: skip
+    (tmp_path / "p.csv").write_bytes(b"\xef\xbb\xbf" + (head + "\n".join(lines)).encode())
+    found = plan({"file": "p.csv"}, tmp_path)
+    plain = plan({"file": "plain.csv"}, tmp_path)
+    assert np.array_equal(found.trajectory.values, plain.trajectory.values)
+    assert any("columns left aside: gripper" in n for n in found.notes) == ("gripper" in head)
+
+
+def test_recordings_in_other_units(tmp_path):
+    t = np.arange(7) / 8
+    record(tmp_path / "plain.csv", t, 0.001 * t, 0.2 * t, 1 + t)
+    rows = [f"{1000 * a!r};{a!r};{0.2 * a!r};{1 + a!r} m" for a in t.tolist()]
+    (tmp_path / "p.csv").write_text("t [ms];x (mm);y;z / mm\n" + "\n".join(rows))
+    found, plain = (
+        plan({"file": name}, tmp_path).trajectory.values for name in ("p.csv", "plain.csv")
+    )
+    assert np.allclose(found, plain, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_time_stamps_since_an_epoch_keep_their_digits(unit, tmp_path):
+    from fractions import Fraction
+
+    factor = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit]
+    exact = [Fraction(1732771701123456789 + 7 * k * k + 1000 * k, 10**9) for k in range(8)]
+    cells = [
+        str(int(e * 10**9) * factor // 10**9)
+        + ("." + f"{int(e * factor * 10**9) % 10**9:09d}" if factor < 10**9 else "")
+        for e in exact
+    ]
+    rows = [f"{cell},0.0,{k},1.0" for k, cell in enumerate(cells)]
+    (tmp_path / "p.csv").write_text(f"t [{unit}],x,y,z\n" + "\n".join(rows))
+    task = plan({"file": "p.csv", "step": 1e-6}, tmp_path)
+    read = [float(e - exact[0]) for e in exact]
+    from pmopt.analysis.recordings import read_recording
+    from pmopt.mechanisms import find
+
+    mechanism = find("2pauu-ppap")
+    recording = read_recording(tmp_path / "p.csv", mechanism, mechanism.pose, "file")
+    assert recording.t.tolist() == read
+    assert any("times count from t = 17327717011" in note.replace(".", "") for note in task.notes)

@@ -151,7 +151,7 @@ def workspace(
     from pmopt.analysis.workspace import compute_workspace
     from pmopt.cluster import connect
 
-    checked = validated(WorkspaceSettings, settings, "workspace")
+    checked = validated(WorkspaceSettings, settings, "workspace", find(mechanism).units)
     with connect(scheduler) as cluster:
         return compute_workspace(
             find(mechanism), params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
@@ -187,7 +187,7 @@ def certify_volume(
     return certify.certify_volume(
         find(mechanism),
         params,
-        validated(WorkspaceSettings, settings, "certify"),
+        validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
         gap=gap,
         time_budget=time_budget,
     )
@@ -220,7 +220,7 @@ def certify(
     return certify_claim(
         find(mechanism),
         params,
-        validated(WorkspaceSettings, settings, "certify"),
+        validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
         time_budget=time_budget,
     )
 
@@ -292,7 +292,7 @@ def singularities(
     return find_singularities(
         find(mechanism),
         params,
-        validated(WorkspaceSettings, settings, "singularities"),
+        validated(WorkspaceSettings, settings, "singularities", find(mechanism).units),
         seed=seed,
         threads=threads,
         grid=grid,
@@ -340,7 +340,7 @@ def capability(
     return compute_capability(
         found,
         found.resolve(params or {}),
-        validated(WorkspaceSettings, dict(workspace or {}), "workspace"),
+        validated(WorkspaceSettings, dict(workspace or {}), "workspace", found.units),
         Task(**task, payload=load),
         motors or {},
         samples=samples, seed=seed, threads=threads,

@@ -30,10 +30,11 @@ from pmopt.analysis.projection import reachable_poses, replicate
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.errors import InputError, unknown_name
-from pmopt.mechanisms.base import Mechanism, Parameters, as_number
+from pmopt.inputs.quantities import QuantityError, as_quantity
+from pmopt.mechanisms.base import Mechanism, Parameters
 from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.numerics.sequences import BLOCK
-from pmopt.units import effort_unit, unit_of
+from pmopt.units import ONE, effort_unit, unit_of
 
 Values = NDArray[np.float64]
 
@@ -284,9 +285,15 @@ def check_limits(mechanism: Mechanism, limits: Mapping[str, Any], where: str) ->
     for name, value in limits.items():
         if name not in allowed:
             raise unknown_name(where, name, allowed)
-        number = as_number(value)
-        if number is None or not number > 0:
-            raise InputError(f"{where}: {name}={value} is not allowed: a number > 0 is needed")
+        unit = mechanism.unit_named(name) or ONE
+        try:
+            number, reason = as_quantity(value, unit), ""
+        except QuantityError as error:
+            number, reason = math.nan, f"{error}; "
+        if not number > 0:
+            raise InputError(
+                f"{where}: {name}={value} is not allowed: {reason}a number > 0 in {unit} is needed"
+            )
         checked[name] = number
     return checked
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -14,10 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.formulas import check_constants
 from pmopt.analysis.laws import LawName
-from pmopt.analysis.settings import FiniteFloat, Range
-from pmopt.analysis.validation import read_toml, validated
+from pmopt.analysis.settings import FiniteFloat, Range, named_mechanism
+from pmopt.analysis.validation import read_config, validated
 from pmopt.errors import InputError, unknown_name
-from pmopt.mechanisms import Mechanism, find
+from pmopt.inputs.fields import LENGTH, Unit, UnitByName
+from pmopt.inputs.overrides import overridden
+from pmopt.mechanisms import Mechanism
 from pmopt.mechanisms.base import (
     LARGEST_COORDINATE,
     PLATFORM,
@@ -43,6 +45,10 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Triple = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], Field(strict=False)]
 Row = Triple
+Size = Annotated[Positive, Unit(LENGTH)]
+Place = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], Field(strict=False), Unit(LENGTH)]
+Density = Annotated[Positive, Unit("kg/m^3")]
+Seconds = Annotated[Positive, Unit("s")]
 Inertia = Triple | Annotated[tuple[Row, Row, Row], Field(strict=False)]
 #: Most instants of a motion.
 MAX_INSTANTS = 1_000_000
@@ -99,12 +105,12 @@ class GateSettings(BaseModel):
 
     model_config = _FROZEN
 
-    pick: dict[str, FiniteFloat]
-    place: dict[str, FiniteFloat]
+    pick: Annotated[dict[str, FiniteFloat], UnitByName()]
+    place: Annotated[dict[str, FiniteFloat], UnitByName()]
     up: str
-    height: FiniteFloat
-    radius: Positive
-    cycle: Positive
+    height: Annotated[FiniteFloat, Unit(LENGTH)]
+    radius: Size
+    cycle: Seconds
     cycles: int = Field(default=1, ge=1, le=10_000)
 
 
@@ -114,8 +120,8 @@ class TrajectorySettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow", strict=True)
 
     space: Literal["task", "joint"] = "task"
-    duration: Positive | None = None
-    step: Positive = 0.01
+    duration: Annotated[Positive | None, Unit("s")] = None
+    step: Seconds = 0.01
     constants: dict[str, FiniteFloat] = Field(default_factory=dict)
     waypoints: list[Any] | None = Field(default=None, min_length=2, max_length=100_000)
     gate: GateSettings | None = None
@@ -123,12 +129,14 @@ class TrajectorySettings(BaseModel):
     law: LawName = "quintic"
     blend: Annotated[float, Field(gt=0, le=0.5)] | None = None
     through: bool = False
-    dwell: NotNegative = 0.0
-    max_rate: dict[str, Positive] = Field(default_factory=dict)
-    max_acceleration: dict[str, Positive] = Field(default_factory=dict)
+    dwell: Annotated[NotNegative, Unit("s")] = 0.0
+    max_rate: Annotated[dict[str, Positive], UnitByName("/s")] = Field(default_factory=dict)
+    max_acceleration: Annotated[dict[str, Positive], UnitByName("/s^2")] = Field(
+        default_factory=dict
+    )
     spline: Literal["quintic", "cubic"] = "quintic"
     ends: Literal["free", "rest", "periodic"] = "free"
-    largest_step: Positive | None = None
+    largest_step: Annotated[Positive | None, Unit("s")] = None
     fit: FitSettings | None = None
 
     @property
@@ -176,16 +184,16 @@ class RodSettings(BaseModel):
 
     model_config = _FROZEN
 
-    diameter: Positive
-    length: Positive
-    density: Positive = STEEL
-    offset: Triple = (0.0, 0.0, 0.0)
+    diameter: Size
+    length: Size
+    density: Density = STEEL
+    offset: Place = (0.0, 0.0, 0.0)
 
 
 class TubeSettings(RodSettings):
     """A tube: a rod with a bore."""
 
-    bore: NotNegative
+    bore: Annotated[NotNegative, Unit(LENGTH)]
 
     @model_validator(mode="after")
     def _thick(self) -> TubeSettings:
@@ -199,11 +207,11 @@ class DiscSettings(BaseModel):
 
     model_config = _FROZEN
 
-    diameter: Positive
-    thickness: Positive
+    diameter: Size
+    thickness: Size
     normal: Literal["x", "y", "z"] = "z"
-    density: Positive = STEEL
-    offset: Triple = (0.0, 0.0, 0.0)
+    density: Density = STEEL
+    offset: Place = (0.0, 0.0, 0.0)
 
 
 class PlateSettings(BaseModel):
@@ -211,9 +219,9 @@ class PlateSettings(BaseModel):
 
     model_config = _FROZEN
 
-    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
-    density: Positive = STEEL
-    offset: Triple = (0.0, 0.0, 0.0)
+    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False), Unit(LENGTH)]
+    density: Density = STEEL
+    offset: Place = (0.0, 0.0, 0.0)
 
 
 class TriangleSettings(BaseModel):
@@ -221,10 +229,10 @@ class TriangleSettings(BaseModel):
 
     model_config = _FROZEN
 
-    side: Positive
-    thickness: Positive
-    density: Positive = STEEL
-    offset: Triple = (0.0, 0.0, 0.0)
+    side: Size
+    thickness: Size
+    density: Density = STEEL
+    offset: Place = (0.0, 0.0, 0.0)
 
 
 _SHAPES = ("rod", "tube", "disc", "plate", "triangle")
@@ -235,9 +243,9 @@ class PayloadSettings(BaseModel):
 
     model_config = _FROZEN
 
-    mass: NotNegative
-    centre: Triple = (0.0, 0.0, 0.0)
-    inertia: Inertia = (0.0, 0.0, 0.0)
+    mass: Annotated[NotNegative, Unit("kg")]
+    centre: Place = (0.0, 0.0, 0.0)
+    inertia: Annotated[Inertia, Unit("kg m^2")] = (0.0, 0.0, 0.0)
 
 
 class BodySettings(BaseModel):
@@ -253,9 +261,9 @@ class BodySettings(BaseModel):
     disc: DiscSettings | None = None
     plate: PlateSettings | None = None
     triangle: TriangleSettings | None = None
-    mass: NotNegative | None = None
-    centre: Triple | None = None
-    inertia: Inertia | None = None
+    mass: Annotated[NotNegative | None, Unit("kg")] = None
+    centre: Annotated[Triple | None, Unit(LENGTH)] = None
+    inertia: Annotated[Inertia | None, Unit("kg m^2")] = None
 
     @property
     def shape(self) -> str | None:
@@ -288,7 +296,7 @@ class ControllerSettings(BaseModel):
     ki: FiniteFloat | dict[str, FiniteFloat] | None = None
     kd: FiniteFloat | dict[str, FiniteFloat] | None = None
     feedforward: bool = False
-    hold: Positive | None = None
+    hold: Annotated[Positive | None, Unit("s")] = None
 
 
 class EngineSettings(BaseModel):
@@ -301,7 +309,7 @@ class EngineSettings(BaseModel):
     model_config = _FROZEN
 
     name: Literal["mujoco"] = "mujoco"
-    step: Positive = 0.001
+    step: Seconds = 0.001
     tolerance: Positive = 0.01
 
 
@@ -313,22 +321,16 @@ class MotionConfig(BaseModel):
     mechanism: str
     parameters: dict[str, Any] = Field(default_factory=dict)
     working_mode: str | None = None
-    gravity: Triple | None = None
+    gravity: Annotated[Triple | None, Unit("m/s^2")] = None
     efforts: bool = True
     trajectory: TrajectorySettings
     bodies: dict[str, BodySettings] = Field(default_factory=dict)
     payload: PayloadSettings | None = None
-    limits: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
+    limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
+        default_factory=dict
+    )
     controller: ControllerSettings | None = None
     engine: EngineSettings | None = None
-
-
-class _Named(BaseModel):
-    """What has to be known before the rest is read: the mechanism."""
-
-    model_config = ConfigDict(frozen=True, strict=True)
-
-    mechanism: str
 
 
 @dataclass(frozen=True)
@@ -385,15 +387,22 @@ class MotionTask:
         return document
 
 
-def load_motion(path: Path) -> MotionTask:
+def load_motion(path: Path, sets: Sequence[str] = ()) -> MotionTask:
     """Read and resolve a TOML configuration.
+
+    Parameters
+    ----------
+    path : Path
+    sets : sequence of str
+        ``KEY=VALUE`` that take the place of what stands there.
 
     Raises
     ------
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    return resolve_motion(read_toml(path, str(path)), str(path), path.parent)
+    data = overridden(read_config(path, "motion"), sets)
+    return resolve_motion(data, str(path), path.parent)
 
 
 def resolve_motion(data: Any, where: str, folder: Path) -> MotionTask:
@@ -414,7 +423,7 @@ def resolve_motion(data: Any, where: str, folder: Path) -> MotionTask:
         One line: file, key, value and what is allowed.
     """
     mechanism = _mechanism(data, where)
-    config = validated(MotionConfig, data, where)
+    config = validated(MotionConfig, data, where, mechanism.units)
     parameters = mechanism.resolve(config.parameters, f"{where}: parameters")
     mode = mechanism.check_mode(config.working_mode, f"{where}: working_mode")
     _check_expressions(config.trajectory, mechanism, where)
@@ -456,11 +465,7 @@ def _mechanism(data: Any, where: str) -> Mechanism:
 
     The model takes any further key for one.
     """
-    name = validated(_Named, data, where).mechanism
-    try:
-        mechanism = find(name)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+    mechanism = named_mechanism(data, where)
     table = data.get("trajectory")
     if isinstance(table, dict):
         coordinates = mechanism.joints if table.get("space") == "joint" else mechanism.pose

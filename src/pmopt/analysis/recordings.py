@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.laws import Path as Curve
-from pmopt.analysis.rows import read_rows
+from pmopt.analysis.rows import TIME, read_rows
 from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms.base import Coordinate, Mechanism, Vector
 from pmopt.numerics.jets import Jet
 
 Values = NDArray[np.float64]
 
-TIME = "t"
 #: A step of a recording that is this much longer than its median is a gap.
 _GAP = 2.5
 #: Periods that are looked for, in cycles a record: from, to, step.
@@ -27,11 +26,12 @@ _FEWEST, _MOST, _STEP = 0.5, 100.0, 0.1
 
 
 class Recording(NamedTuple):
-    """Points over time: ``t`` (N,) in s, ``values`` (N, k), ``lines`` of the file."""
+    """Points over time: ``t`` (N,) in s, ``values`` (N, k), ``lines`` of the file, and notes."""
 
     t: Vector
     values: Values
     lines: tuple[int, ...]
+    notes: tuple[str, ...] = ()
 
 
 def read_recording(
@@ -43,8 +43,8 @@ def read_recording(
 ) -> Recording:
     """Read a CSV file with a column ``t`` and one of each coordinate.
 
-    Angles may stand in degrees, in columns whose name ends in ``_deg``. Further columns are an
-    error, so that none is taken for another by mistake.
+    Angles may stand in degrees, in columns whose name ends in ``_deg``. Further columns are left
+    aside, and named in the notes.
 
     Parameters
     ----------
@@ -61,23 +61,15 @@ def read_recording(
     InputError
         One line with file and row.
     """
-    names = [c.name for c in coordinates]
-    found = read_rows(path, where, [TIME, *names])
-    first_line, first = found[0]
-    if TIME not in first:
-        raise InputError(
-            f"{where}: {path}: column {TIME} is missing, needed: t, {', '.join(names)}"
-        )
-    times, points, lines = [], [], []
-    for line, row in found:
+    found = read_rows(path, where, mechanism, coordinates)
+    if found.times is None:
+        names = ", ".join(c.name for c in coordinates)
+        raise InputError(f"{where}: {path}: column {TIME} is missing, needed: {TIME}, {names}")
+    times, lines = found.times, found.lines
+    points = []
+    for line, pose in zip(lines, found.poses(), strict=True):
         place = f"{where}: {path}, line {line}"
-        pose = {k: v for k, v in row.items() if k != TIME}
-        if line == first_line:
-            place = f"{where}: {path}"
-        checked = mechanism.check_coordinates(pose, tuple(coordinates), place)
-        times.append(row[TIME])
-        points.append([checked[name] for name in names])
-        lines.append(line)
+        points.append(list(mechanism.check_coordinates(pose, tuple(coordinates), place).values()))
     t = np.array(times)
     steps = np.diff(t)
     for k in np.flatnonzero(steps <= 0)[:1]:
@@ -95,7 +87,7 @@ def read_recording(
     for k, coordinate in enumerate(coordinates):
         if coordinate.kind == "angle":  # recorded in (-pi, pi], it may pass over a full turn
             values[:, k] = np.unwrap(values[:, k])
-    return Recording(t, values, tuple(lines))
+    return Recording(t, values, lines, found.notes)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
+from pmopt.analysis.validation import validated
+from pmopt.errors import InputError
+from pmopt.inputs.fields import LENGTH, Unit, UnitByName
+from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.base import JacobianKind
 
 Norm = Literal["2", "fro"]
@@ -41,6 +45,28 @@ def _norm(value: Any) -> Any:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+class _Named(BaseModel):
+    """What has to be known before the rest of a configuration is read: the mechanism."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    mechanism: str
+
+
+def named_mechanism(data: Any, where: str) -> Mechanism:
+    """Return the mechanism that a configuration names.
+
+    Raises
+    ------
+    InputError
+    """
+    name = validated(_Named, data, where).mechanism
+    try:
+        return find(name)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
 class WorkspaceSettings(BaseModel):
     """The ``[workspace]`` table of a configuration, and the options of ``pmopt workspace``.
 
@@ -53,22 +79,29 @@ class WorkspaceSettings(BaseModel):
     samples: int | None = Field(default=None, ge=16, le=MAX_SAMPLES)
     replicates: int | None = Field(default=None, ge=4, le=256)
     grid: int | None = Field(default=None, ge=4, le=30_000)
-    target_error: FiniteFloat | None = Field(default=None, gt=0, lt=1)
+    target_error: Annotated[FiniteFloat | None, Unit("1")] = Field(default=None, gt=0, lt=1)
     working_mode: str | None = None
     norm: Annotated[Norm, BeforeValidator(_norm)] = "2"
     jacobian: JacobianKind | None = None
     characteristic_length: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["optimal"] | None,
         BeforeValidator(_length),
+        Unit(LENGTH),
     ] = None
-    min_lci: FiniteFloat = Field(default=0.0, ge=0, le=1)
+    min_lci: Annotated[FiniteFloat, Unit("1")] = Field(default=0.0, ge=0, le=1)
     regions: Annotated[tuple[FiniteFloat, ...], Field(strict=False)] = (0.0, 0.1, 0.3, 1.0)
-    domain: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
-    limits: dict[str, Annotated[Range, Field(strict=False)]] = Field(default_factory=dict)
-    link_diameter: FiniteFloat | None = Field(default=None, gt=0)
-    platform_diameter: FiniteFloat | None = Field(default=None, gt=0)
-    cone_angle: FiniteFloat | None = Field(default=None, gt=0, le=math.pi)
-    tool: Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None, Field(strict=False)] = None
+    domain: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
+        default_factory=dict
+    )
+    limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
+        default_factory=dict
+    )
+    link_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(default=None, gt=0)
+    platform_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(default=None, gt=0)
+    cone_angle: Annotated[FiniteFloat | None, Unit("rad")] = Field(default=None, gt=0, le=math.pi)
+    tool: Annotated[
+        tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None, Field(strict=False), Unit(LENGTH)
+    ] = None
     aspect: Literal["home"] | None = None
     block: Literal["translational", "rotational"] | None = None
 

@@ -13,6 +13,7 @@ from pmopt.analysis import formulas, laws, recordings
 from pmopt.analysis.motion import Trajectory
 from pmopt.analysis.motion_config import MAX_INSTANTS, MotionTask
 from pmopt.analysis.recordings import Residual
+from pmopt.analysis.rows import TIME
 from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms.base import LARGEST_COORDINATE, Vector, as_number
 from pmopt.numerics.jets import Jet
@@ -202,11 +203,11 @@ def _waypoints(task: MotionTask) -> tuple[Values, Vector | None]:
             raise InputError(
                 f"{where}={row!r} is not allowed: numbers for {', '.join(names)} or a table"
             )
-        pose = {k: v for k, v in row.items() if k != recordings.TIME}
+        pose = {k: v for k, v in row.items() if k != TIME}
         checked = task.mechanism.check_coordinates(pose, task.driven, where)
         points.append([checked[name] for name in names])
-        time = as_number(row[recordings.TIME]) if recordings.TIME in row else None
-        if recordings.TIME in row and (time is None or not abs(time) <= LARGEST_COORDINATE):
+        time = as_number(row[TIME]) if TIME in row else None
+        if TIME in row and (time is None or not abs(time) <= LARGEST_COORDINATE):
             raise InputError(f"{where}: t={row['t']} is not allowed: a number in s is needed")
         times.append(time)
     told = [time for time in times if time is not None]
@@ -305,12 +306,13 @@ def _from_file(task: MotionTask) -> Planned:
     t = instants(start, min(duration, span) if fit is None else duration, settings.step,
                  _place(task))  # fmt: skip
     if fit is None:
-        return _built(task, t, _evaluated(_spline(task, recording, path), t))
+        spline = _evaluated(_spline(task, recording, path), t)
+        return _built(task, t, spline, notes=recording.notes)
     place = f"{_place(task)}.fit"
     if fit.kind == "spline":
         fitted = recordings.fit_spline(recording, 10 if fit.pieces is None else fit.pieces, place)
         left = recordings.residuals(recording, fitted(recording.t), task.driven, task.mechanism)
-        return _built(task, t, _evaluated(fitted, t), residuals=left)
+        return _built(task, t, _evaluated(fitted, t), residuals=left, notes=recording.notes)
     periods = recordings.periods_by_name(
         "free" if fit.period is None else fit.period,
         [c.name for c in task.driven], f"{place}.period",
@@ -319,7 +321,7 @@ def _from_file(task: MotionTask) -> Planned:
     left = recordings.residuals(
         recording, _stacked(harmonics(recording.t))[0], task.driven, task.mechanism, harmonics
     )
-    return _built(task, t, _stacked(harmonics(t)), residuals=left)
+    return _built(task, t, _stacked(harmonics(t)), residuals=left, notes=recording.notes)
 
 
 def _spline(task: MotionTask, recording: recordings.Recording, path: Any) -> laws.Path:

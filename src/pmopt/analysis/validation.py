@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -11,20 +12,26 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from pmopt.errors import InputError
+from pmopt.inputs.fields import Units, in_units
+from pmopt.inputs.identify import check_config, missing
+from pmopt.inputs.text import read_text
+from pmopt.mechanisms import names
 
 Model = TypeVar("Model", bound=BaseModel)
 #: Parts of an error's place that name an alternative of a type, no key.
 _ALTERNATIVE = re.compile(r"(function-|tuple\[|dict\[|literal\[|constrained-)|(int|float|str)$")
 
 
-def validated(model: type[Model], data: Any, where: str) -> Model:
-    """Return the model built from data.
+def validated(model: type[Model], data: Any, where: str, units: Units | None = None) -> Model:
+    """Return the model built from data; with ``units``, numbers may be texts with a unit.
 
     Raises
     ------
     InputError
         One line: where, key, value and what is allowed; of several errors the first.
     """
+    if units is not None:
+        data = in_units(model, data, units, where)
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -40,13 +47,28 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
         For a file that can not be read or is no TOML.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(read_text(path))
         str(data)  # Python refuses to print whole numbers of thousands of digits
     except OSError as error:
         raise InputError(f"{where}: can not read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: is no TOML file: {error}") from None
     return data
+
+
+def read_config(path: Path, command: str) -> dict[str, Any]:
+    """Return the content of the configuration of a command.
+
+    Raises
+    ------
+    InputError
+        For a file that is none, saying what it is and which command reads it.
+    """
+    if not os.path.isfile(path) or path.suffix.lower() in (".csv", ".json", ".png", ".xml"):
+        raise missing(path, names(), command)
+    data = read_toml(path, str(path))
+    check_config(path, data, command)
+    return {key: value for key, value in data.items() if key != "command"}
 
 
 def _one_line(error: ValidationError, model: type[BaseModel], where: str) -> str:

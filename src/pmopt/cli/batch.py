@@ -26,6 +26,11 @@ _NAMED = 8
 
 @click.command("batch")
 @click.argument("configs", nargs=-1, required=True, metavar="CONFIG..")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE",
+    help="Instead of what the files say; a list 0.8,1.1 or a range 0.8:1.4:0.3 of values is a "
+    "sweep; repeatable.",
+)  # fmt: skip
 @options.out_options
 @click.option(
     "--resume",
@@ -47,7 +52,8 @@ _NAMED = 8
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
 @options.common_options
 def batch_command(
-    configs: tuple[str, ...], out: Path | None, force: bool, resume: bool, workers: int | None,
+    configs: tuple[str, ...], sets: tuple[str, ...],
+    out: Path | None, force: bool, resume: bool, workers: int | None,
     scheduler: str | None, threads: int | None, shard: str | None, merge: bool, dry_run: bool,
     form: str, quiet: bool, debug: bool,
 ) -> int:  # fmt: skip
@@ -75,7 +81,7 @@ def batch_command(
     notify = notifier(quiet)
     if merge:
         given = {"--workers": workers, "--scheduler": scheduler, "--threads": threads,
-                 "--shard": shard, "--dry-run": dry_run or None,
+                 "--shard": shard, "--set": sets or None, "--dry-run": dry_run or None,
                  "--resume": resume or None}  # fmt: skip
         for name, value in given.items():
             if value is not None:
@@ -86,7 +92,7 @@ def batch_command(
         )
     options.check_resume(resume, force, out)
     part = None if shard is None else parse_shard(shard)
-    runs = plan_runs(find_configs(configs))
+    runs = plan_runs(find_configs(configs), sets)
     batch = batch_run.Batch(runs, out or run_folder.default_folder("batch"), part)
     batch.check(force)
     share = batch_run.shares(len(batch.own), workers, threads, scheduler)

@@ -15,7 +15,8 @@ from pmopt.mechanisms import Mechanism
 
 
 def _size(name: str, unit: str, text: str) -> Callable[[options.Function], options.Function]:
-    return click.option(f"--{name}", type=float, default=0.0, metavar="X", help=f"{text}, {unit}.")
+    wanted = options.Quantity(unit.replace("length unit", "length"))
+    return click.option(f"--{name}", type=wanted, default=0.0, metavar="X", help=f"{text}, {unit}.")
 
 
 @click.command("capability")
@@ -87,21 +88,17 @@ def capability_command(
     for name, value in sizes.items():
         if not 0 <= value < 1e9:
             raise InputError(f"--{name}: {value} is not allowed: a number from 0 to 1e9 is needed")
-    place = options.parse_edges(payload_centre, "--payload-centre")
-    if len(place) != 3:
-        raise InputError(f"--payload-centre: {payload_centre} is no X,Y,Z")
+    place = options.parse_point(payload_centre, "--payload-centre", mechanism.length_unit)
     given: dict[str, Any] = {
         "working_mode": working_mode,
-        "domain": options.parse_ranges(domain, "--domain"),
-        "limits": options.parse_ranges(limits, "--limits"),
+        "domain": options.parse_ranges(domain, "--domain", mechanism),
+        "limits": options.parse_ranges(limits, "--limits", mechanism),
         "samples": samples,
     }
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "capability"
     )
-    motor_limits = check_limits(
-        mechanism, options.parse_coordinates(motors, "--motors"), "--motors"
-    )
+    motor_limits = check_limits(mechanism, options.split_pairs(motors, "--motors"), "--motors")
     notify = notifier(quiet)
     asked = capability_run.CapabilityTask(
         mechanism,

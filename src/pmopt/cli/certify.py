@@ -26,7 +26,7 @@ EXIT_UNVERIFIED = 4
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
 @click.option(
     "--min-lci",
-    type=float,
+    type=options.Quantity("1"),
     metavar="X",
     help="Claim LCI >= X at every reachable pose. Default: the claim that none is singular.",
 )
@@ -36,7 +36,7 @@ EXIT_UNVERIFIED = 4
 @options.jacobian_options[2]
 @click.option(
     "--time-budget",
-    type=float,
+    type=options.Quantity("s"),
     metavar="SECONDS",
     default=30.0,
     show_default=True,
@@ -68,8 +68,8 @@ def certify_command(
         "jacobian": kind,
         "characteristic_length": characteristic_length,
         "min_lci": min_lci,
-        "domain": options.parse_ranges(domain, "--domain"),
-        "limits": options.parse_ranges(limits, "--limits"),
+        "domain": options.parse_ranges(domain, "--domain", mechanism),
+        "limits": options.parse_ranges(limits, "--limits", mechanism),
     }
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "certify"

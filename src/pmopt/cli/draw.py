@@ -19,7 +19,7 @@ from pmopt.reporting.table import Table
 @click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="Default: the home pose.")
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
-@click.option("--out", type=options.Place(), required=True, metavar="FILE.png",
+@click.option("--out", type=options.Place(), required=True, metavar="FILE.png|.svg|.pdf",
               help="The picture.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Overwrite the file.")
 @options.common_options
@@ -34,15 +34,18 @@ def draw_command(
       pmopt draw 3-cur --pose z=0.35,beta=0.25,gamma=0.15 --out 3-cur.png --force
     """
     from pmopt.files import write_atomic
+    from pmopt.reporting.canvas import drawn_as, form_of
     from pmopt.reporting.drawing import draw_mechanism
 
+    form_of(out, "--out")
     if out.exists() and not force:
         raise InputError(f"--out: {out} exists; --force overwrites it")
     parameters = options.design_parameters(mechanism, params)
     mode = mechanism.check_mode(working_mode, "--working-mode")
-    given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
+    given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
     found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
-    picture = draw_mechanism(mechanism, parameters, found.pose, mode)
+    with drawn_as(form_of(out, "--out")):
+        picture = draw_mechanism(mechanism, parameters, found.pose, mode)
     try:
         write_atomic(out, picture)
     except OSError as error:

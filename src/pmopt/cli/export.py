@@ -20,7 +20,7 @@ from pmopt.reporting.table import Table
 @click.option("--working-mode", help="Default: the mechanism's first.")
 @click.option("--step", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
               metavar="S", help="The engine's step in s.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.xml",
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.xml|.mjcf",
               help="The model.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Overwrite the file.")
 @options.common_options
@@ -39,11 +39,16 @@ def export_command(
     from pmopt.analysis.multibody import declared_tree
     from pmopt.files import write_atomic
 
+    if out.suffix.lower() not in (".xml", ".mjcf"):
+        raise InputError(
+            f"--out: {out}: {out.suffix or 'no suffix'} is not offered, allowed: .xml, .mjcf "
+            "(MuJoCo)"
+        )
     if out.exists() and not force:
         raise InputError(f"--out: {out} exists; --force overwrites it")
     parameters = options.design_parameters(mechanism, params)
     mode = mechanism.check_mode(working_mode, "--working-mode")
-    given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
+    given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
     at = mechanism.check_coordinates(given, mechanism.pose, "--pose")
     tree = declared_tree(mechanism, parameters, at, mode, "--pose")
     write_atomic(out, to_mjcf(tree, step))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shlex
 import sys
 from typing import Any
 
@@ -11,7 +12,7 @@ import click
 
 from pmopt.cli import interrupt
 from pmopt.cli.interrupt import Interrupted
-from pmopt.errors import PmoptError
+from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.version import __version__
 
 EXIT_RUNTIME, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
@@ -62,8 +63,8 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            from pmopt.errors import unknown_name
-
+            if args[0] == "pmopt":
+                raise InputError(f"pmopt stands there twice: {shlex.join(['pmopt', *args[1:]])}")
             raise unknown_name("command", args[0], COMMANDS)
         return super().resolve_command(ctx, args)
 
@@ -94,6 +95,8 @@ def _fail(message: str, code: int) -> int:
 def run(args: list[str] | None = None) -> int:
     """Run the command line and return the exit code; only ``--debug`` lets a traceback out."""
     words = sys.argv[1:] if args is None else args
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
     debug = "--debug" in words
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell: no file of a run may take its place
@@ -109,7 +112,9 @@ def run(args: list[str] | None = None) -> int:
             _fail(line, error.exit_code)
         return _fail(error.lines[-1], error.exit_code)
     except click.ClickException as error:
-        return _fail(error.format_message(), EXIT_USAGE)
+        from pmopt.cli.mistakes import explain
+
+        return _fail(explain(error, words), EXIT_USAGE)
     except (Interrupted, KeyboardInterrupt, click.Abort):
         interrupt.disarm()
         hint = _resume_hint()

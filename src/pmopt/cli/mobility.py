@@ -56,7 +56,7 @@ def mobility_command(
         mechanism,
         options.design_parameters(mechanism, params),
         layout=layout,
-        pose=options.parse_coordinates(pose, "--pose") if pose else None,
+        pose=options.split_pairs(pose, "--pose") if pose else None,
         working_mode=working_mode,
         samples=samples,
         seed=seed,

@@ -13,6 +13,7 @@ from pmopt.errors import InputError
 
 @click.command("motion")
 @click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
+@options.config_options
 @click.option(
     "--animate",
     type=click.Path(path_type=Path),
@@ -24,7 +25,8 @@ from pmopt.errors import InputError
 @options.out_options
 @options.common_options
 def motion_command(
-    config: Path, animate: Path | None, fps: float | None, threads: int | None,
+    config: Path, sets: tuple[str, ...],
+    animate: Path | None, fps: float | None, threads: int | None,
     out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Joint positions, rates, accelerations, efforts and power along a trajectory.
@@ -41,7 +43,8 @@ def motion_command(
     from pmopt.files import write_atomic
     from pmopt.reporting import motion_run
 
-    task = load_motion(config)
+    task = load_motion(config, sets)
+    options.say_unusual(task.mechanism.beyond_bounds(task.parameters, str(config)))
     if animate is not None:
         from pmopt.reporting import animation
 
@@ -59,6 +62,9 @@ def motion_command(
             picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
         write_atomic(animate, picture)
         notify(f"written to {animate}")
+    if form != "table":  # where they stand below it
+        for note in run.planned.notes:
+            notify(note)
     emit(form, run.to_dict(), tables)
     if run.infeasible:
         raise InputError(run.complaint())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,7 +13,10 @@ import click
 
 from pmopt.analysis.rows import parse_number
 from pmopt.errors import InputError
+from pmopt.inputs.fields import LENGTH
+from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.mechanisms import Mechanism, find, names
+from pmopt.units import ANGLE, ONE
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -61,8 +65,9 @@ def _find(ctx: click.Context, param: click.Parameter, value: str) -> Mechanism:
 def mechanism_argument(function: Function) -> Function:
     """Add the MECH argument, passed on as a Mechanism."""
     return click.argument(
-        "mechanism", metavar="MECH", callback=_find, shell_complete=_complete_mechanism
-    )(function)
+        "mechanism", metavar="MECH", callback=_find, shell_complete=_complete_mechanism,
+        is_eager=True,  # quantities are in its units
+    )(function)  # fmt: skip
 
 
 def common_options(function: Function) -> Function:
@@ -110,26 +115,77 @@ class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every 
         return int(number)
 
 
-class Length(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
-    """A number, or the word optimal."""
+class Quantity(click.ParamType):  # type: ignore[type-arg]  # not generic in every click
+    """A number, with a unit or in the one that is wanted; or one of some words.
 
-    name = "length"
+    Parameters
+    ----------
+    unit : str
+        ``length`` in it stands for the mechanism's unit of length.
+    *words : str
+    """
+
+    name = "quantity"
+
+    def __init__(self, unit: str, *words: str) -> None:
+        self.unit, self.words = unit, words
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float | str:
-        if value == "optimal":
-            return "optimal"
+        if value in self.words:
+            return str(value)
+        mechanism = ctx.params.get("mechanism") if ctx else None
+        unit = self.unit.replace(LENGTH, getattr(mechanism, "length_unit", "m"))
         try:
-            return float(value)
-        except ValueError:
-            self.fail(f"{value!r} is neither a number nor optimal", param, ctx)
+            return as_quantity(value, unit)
+        except QuantityError as error:
+            allowed = "".join(f", or {word}" for word in self.words)
+            self.fail(f"{error}{allowed}", param, ctx)
 
 
-params_option = click.option(
-    "--params", multiple=True, metavar="NAME=VALUE,..|@FILE.toml",
-    help="Design parameters; repeatable. Those left out take their defaults.",
+STRICT = "pmopt.strict"
+
+
+def _set_strict(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    ctx.meta[STRICT] = value
+
+
+_strict_option = click.option(
+    "--strict", is_flag=True, is_eager=True, expose_value=False, callback=_set_strict,
+    help="Refuse parameters beyond their bounds, which are else computed with a note.",
 )  # fmt: skip
+
+
+def params_option(function: Function) -> Function:
+    """Add --params and --strict."""
+    for option in (
+        _strict_option,
+        click.option(
+            "--params", multiple=True, metavar="NAME=VALUE,..|@FILE|@RUN:DESIGN",
+            help="Design parameters, with units or in the mechanism's, or the design of a TOML, a "
+            "run (@RUN:knee, @RUN:57, @RUN:best-volume), a front (@front.csv:57) or a manifest; "
+            "repeatable. Those left out take their defaults.",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def config_options(function: Function) -> Function:
+    """Add --set, passed on as ``sets``, and --strict."""
+    for option in (
+        _strict_option,
+        click.option(
+            "--set", "sets", multiple=True, metavar="KEY=VALUE",
+            help="Instead of what the file says: a dotted key and its value, such as "
+            "algorithm.population=50 or parameters.l1=650mm; repeatable.",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
 threads_option = click.option(
     "--threads", type=click.IntRange(min=1, max=4096),
     help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
@@ -145,7 +201,8 @@ seed_option = click.option(
 jacobian_options = (
     click.option("--jacobian", "kind", type=click.Choice(["raw", "homogenized"]),
                  help="Jacobian the index is of. Default: the mechanism's own."),
-    click.option("--characteristic-length", type=Length(), metavar="X|optimal",
+    click.option("--characteristic-length", type=Quantity(LENGTH, "optimal"),
+                 metavar="X|optimal",
                  help="Length that makes the Jacobian homogeneous. Default: the mechanism's own; "
                  "optimal: the one with the best index."),
     click.option("--norm", type=click.Choice(["2", "fro"]), default="2", show_default=True,
@@ -164,6 +221,19 @@ def out_options(function: Function) -> Function:
     return function
 
 
+def _meant(text: str) -> str:
+    """Return the pairs that a text may have meant, where it is clear."""
+    bare = re.sub(r"[\[\](){}]", "", text)
+    if re.fullmatch(r"\s*[\w]+\s*=\s*[+-]?\d+,\d+\s*", bare) and bare == text:
+        return f": a decimal point is needed, {text.replace(',', '.')}"
+    if "[" in text and "=" in text:
+        return ": a range is LOWER:UPPER, without brackets"
+    pairs = re.findall(r"([A-Za-z_]\w*)\s*[=:]\s*([^\s;,=:]+)", bare)
+    if not pairs:
+        return "; each value needs a name"
+    return f": {','.join(f'{name}={value}' for name, value in pairs)}?"
+
+
 def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     """Return ``name=value`` pairs, comma-separated and repeatable, each name once."""
     pairs: dict[str, str] = {}
@@ -171,72 +241,103 @@ def split_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
         for part in text.split(","):
             name, equals, value = part.partition("=")
             name, value = name.strip(), value.strip()
-            if not equals or not name or not value:
-                raise InputError(f"{option}: {part.strip()!r} is not NAME=VALUE")
+            if not equals or not name or not value or "=" in value:
+                raise InputError(f"{option}: {part.strip()!r} is not NAME=VALUE{_meant(text)}")
             if name in pairs:
                 raise InputError(f"{option}: {name} is given twice")
             pairs[name] = value
     return pairs
 
 
-def parse_coordinates(texts: Sequence[str], option: str) -> dict[str, float]:
-    """Return the numbers of ``--pose`` or ``--joints``."""
-    return {k: parse_number(option, k, v) for k, v in split_pairs(texts, option).items()}
+def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, float | None]:
+    """Return all design parameters, given inline or by the design of a file or a run.
 
-
-def parse_params(texts: Sequence[str]) -> dict[str, Any]:
-    """Return the design parameters of ``--params``, inline and from files."""
+    What is unusual about them is said on stderr; with ``--strict`` it is an error.
+    """
     given: dict[str, Any] = {}
+    notes: list[str] = []
     for text in texts:
+        where = "--params"
         if text.startswith("@"):
-            part = _params_file(Path(text[1:]))
+            from pmopt.reporting.designs import read_design
+
+            where = f"--params: {text[1:]}"
+            found = read_design(text[1:], mechanism, where)
+            part = found.parameters
+            notes += found.notes
         else:
-            part = {
-                k: parse_number("--params", k, v)
-                for k, v in split_pairs([text], "--params").items()
-            }
+            part = split_pairs([text], where)
+        part = mechanism.plain_names(part, mechanism.parameters, where)
+        mechanism.resolve(part, where)
         for name in part:
             if name in given:
                 raise InputError(f"--params: {name} is given twice")
         given |= part
-    return given
+    resolved = mechanism.resolve(given, "--params")
+    beyond = mechanism.beyond_bounds({k: resolved[k] for k in given}, "--params")
+    say_unusual(beyond, notes)
+    return resolved
 
 
-def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, float | None]:
-    """Return all design parameters; what is wrong with one of a file names the file."""
-    for text in texts:
-        where = f"--params: {text[1:]}" if text.startswith("@") else "--params"
-        mechanism.resolve(parse_params([text]), where)
-    return mechanism.resolve(parse_params(texts), "--params")
+def say_unusual(beyond: Sequence[str], notes: Sequence[str] = ()) -> None:
+    """Say what is unusual about the input on stderr.
+
+    Raises
+    ------
+    InputError
+        With ``--strict``, for what is beyond its bounds.
+    """
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return
+    if beyond and context.meta.get(STRICT):
+        raise InputError(beyond[0])
+    for note in (*notes, *beyond):
+        if not context.params.get("quiet"):
+            click.echo(note, err=True)
 
 
-def _params_file(path: Path) -> dict[str, Any]:
-    from pmopt.analysis.validation import read_toml
-
-    data = read_toml(path, f"--params: {path}")
-    table = data.get("parameters", data)
-    if not isinstance(table, dict):
-        raise InputError(f"--params: {path}: parameters is no table of NAME = VALUE")
-    return table
-
-
-def parse_ranges(texts: Sequence[str], option: str) -> dict[str, tuple[float, float]]:
-    """Return ranges given as ``name=lower:upper``; an end may be inf."""
-    ranges = {}
-    for name, text in split_pairs(texts, option).items():
-        low, colon, high = text.partition(":")
+def parse_ranges(
+    texts: Sequence[str], option: str, mechanism: Mechanism
+) -> dict[str, tuple[float, float]]:
+    """Return ranges given as ``name=lower:upper``, with units or not; an end may be inf."""
+    tool = [f"tool_{axis}" for axis in "xyz"]  # allowed where a tool is given: checked later
+    known = [c.name for c in (mechanism.pose if option == "--domain" else mechanism.limited)]
+    ranges: dict[str, tuple[float, float]] = {}
+    for given, text in split_pairs(texts, option).items():
+        if given.removesuffix("_deg") not in (*known, *tool) and given not in known:
+            raise mechanism.unknown_coordinate(option, given, known)
+        name, ends = given, tuple(text.split(":"))
+        unit = mechanism.unit_named(given)
+        if unit is None and given.endswith("_deg"):
+            name = given.removesuffix("_deg")
+            unit = mechanism.unit_named(name)
+            if unit != ANGLE:
+                name, unit = given, None
         try:
-            ends = (float(low), float(high)) if colon else None
-        except ValueError:
-            ends = None
-        if ends is None or not ends[0] < ends[1]:
+            pair = [as_quantity(in_degrees(e) if name != given else e, unit or ONE) for e in ends]
+            reason = ""
+        except QuantityError as error:
+            pair, reason = [], f"{error}; "
+        if len(pair) != 2 or not pair[0] < pair[1]:
             raise InputError(
-                f"{option}: {name}={text} is not allowed: LOWER:UPPER with LOWER < UPPER is needed"
+                f"{option}: {given}={text} is not allowed: {reason}LOWER:UPPER with LOWER < UPPER "
+                f"is needed, such as {given}=0:1"
             )
-        ranges[name] = ends
+        if name in ranges:
+            raise InputError(f"{option}: {name} is given twice")
+        ranges[name] = pair[0], pair[1]
     return ranges
 
 
-def parse_edges(text: str, option: str = "--regions") -> tuple[float, ...]:
+def parse_point(text: str, option: str, unit: str) -> tuple[float, float, float]:
+    """Return three comma-separated numbers."""
+    found = parse_edges(text, option, unit)
+    if len(found) != 3:
+        raise InputError(f"{option}: {text} is not allowed: three numbers X,Y,Z are needed")
+    return found[0], found[1], found[2]
+
+
+def parse_edges(text: str, option: str = "--regions", unit: str = ONE) -> tuple[float, ...]:
     """Return comma-separated numbers, the edges of ``--regions`` for one."""
-    return tuple(parse_number(option, "number", part) for part in text.split(","))
+    return tuple(parse_number(option, "number", part, unit) for part in text.split(","))

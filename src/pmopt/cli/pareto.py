@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 @click.command("pareto")
 @click.argument("config", type=options.Place(), metavar="CONFIG.toml")
+@options.config_options
 @options.out_options
 @options.resume_option
 @options.threads_option
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
 @options.common_options
 def pareto_command(
-    config: Path, out: Path | None, force: bool, resume: bool, threads: int | None,
+    config: Path, sets: tuple[str, ...],
+    out: Path | None, force: bool, resume: bool, threads: int | None,
     scheduler: str | None, seed: int | None, dry_run: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Pareto front of volume against dexterity by NSGA-II.
@@ -46,7 +48,10 @@ def pareto_command(
     from pmopt.reporting import pareto_run, run_folder, tables
     from pmopt.synthesis.config import load_config
 
-    run_config = load_config(config)
+    run_config = load_config(config, sets)
+    options.say_unusual(
+        find(run_config.mechanism).beyond_bounds(run_config.parameters, str(config))
+    )
     if seed is not None:
         algorithm = run_config.algorithm.model_copy(update={"seed": seed})
         run_config = run_config.model_copy(update={"algorithm": algorithm})
@@ -62,6 +67,7 @@ def pareto_command(
         notify(f"{out} holds this run, finished: nothing to do")
         return
     again = ["pmopt", "pareto", str(config), "--out", str(out), "--resume"]
+    again += [word for text in sets for word in ("--set", text)]
     again += [] if seed is None else ["--seed", str(seed)]
     options.set_resume_hint(f"; continue with: {shlex.join(again)}")
     with (

@@ -8,18 +8,23 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit
+from pmopt.errors import InputError
 from pmopt.files import write_atomic
+from pmopt.inputs.identify import MANIFEST, describe
 
 
 @click.command("plot")
 @click.argument("run", type=options.Place(), metavar="RUN")
 @click.option("--out", type=options.Place(), metavar="DIR",
               help="Folder for the pictures. Default: the run's own.")  # fmt: skip
+@click.option("--picture-format", type=click.Choice(["png", "svg", "pdf"]), default="png",
+              show_default=True, help="SVG and PDF are vector pictures.")  # fmt: skip
 @options.threads_option
 @options.common_options
 def plot_command(
-    run: Path, out: Path | None, threads: int | None, form: str, quiet: bool, debug: bool
-) -> None:
+    run: Path, out: Path | None, picture_format: str, threads: int | None, form: str, quiet: bool,
+    debug: bool,
+) -> None:  # fmt: skip
     """Draw the pictures of a finished run again, from the files in its folder.
 
     \b
@@ -27,10 +32,18 @@ def plot_command(
       pmopt plot outputs/quickstart --out pictures
     """
     from pmopt.reporting import pictures
+    from pmopt.reporting.canvas import drawn_as
     from pmopt.reporting.table import Table
 
+    if not (run / MANIFEST).is_file():
+        what = describe(run) if run.exists() else "no such folder"
+        raise InputError(f"{run}: {what}; the folder of a finished run is needed")
     folder = out or run
-    drawn = pictures.of_folder(run, threads)
+    with drawn_as(picture_format):
+        drawn = {
+            str(Path(name).with_suffix(f".{picture_format}")): data
+            for name, data in pictures.of_folder(run, threads).items()
+        }
     for name, data in drawn.items():
         write_atomic(folder / name, data)
     written = [str(folder / name) for name in drawn]

@@ -10,9 +10,9 @@ import click
 
 from pmopt.analysis import kinematics
 from pmopt.analysis.kinematics import ForwardResult, InverseResult
-from pmopt.analysis.rows import read_rows
+from pmopt.analysis.rows import Rows, read_rows
 from pmopt.cli import options
-from pmopt.cli.output import emit
+from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting import tables
@@ -26,14 +26,14 @@ def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
 
 
 def _each(
-    rows: list[tuple[int, dict[str, float]]],
+    rows: Rows,
     where: str,
     solve: Callable[[dict[str, float], str], Result],
     empty: Callable[[dict[str, float]], Result],
 ) -> tuple[list[Result], InputError | None]:
     """Solve every row; what is out of reach gets no solutions and one error for all."""
     results, misses = [], []
-    for line, row in rows:
+    for line, row in zip(rows.lines, rows.poses(), strict=True):
         try:
             results.append(solve(row, f"{where}, line {line}"))
         except UnreachableError as error:
@@ -41,7 +41,7 @@ def _each(
             results.append(empty(row))
     if not misses:
         return results, None
-    return results, UnreachableError(f"{misses[0]} ({len(misses)} of {len(rows)} rows)")
+    return results, UnreachableError(f"{misses[0]} ({len(misses)} of {len(rows.lines)} rows)")
 
 
 @click.command("ik")
@@ -65,7 +65,7 @@ def ik_command(
     """
     _one_of(pose, poses, "--pose, --poses")
     given = options.design_parameters(mechanism, params)
-    ranges = options.parse_ranges(limits, "--limits")
+    ranges = options.parse_ranges(limits, "--limits", mechanism)
     mechanism.check_ranges(ranges, mechanism.limited, "--limits")
     if working_mode != "all":
         mechanism.check_mode(working_mode, "--working-mode")
@@ -76,11 +76,12 @@ def ik_command(
         )
 
     if poses is None:
-        result = solve(options.parse_coordinates(pose, "--pose"), "--pose")
+        result = solve(options.split_pairs(pose, "--pose"), "--pose")
         emit(form, result.to_dict(), [tables.inverse_table([result])])
         return
-    names = [c.name for c in mechanism.pose]
-    rows = read_rows(poses, "--poses", names)
+    rows = read_rows(poses, "--poses", mechanism, mechanism.pose)
+    for note in rows.notes:
+        notifier(quiet)(note)
 
     def empty(values: dict[str, Any]) -> InverseResult:
         checked = mechanism.check_coordinates(values, mechanism.pose, "--poses")
@@ -118,18 +119,19 @@ def fk_command(
       pmopt fk 2pauu-ppap --joints theta1=0.4,theta2=0.1,d=0.2
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
-    goal = options.parse_coordinates(near, "--near") if near else None
+    goal = options.split_pairs(near, "--near") if near else None
     given = options.design_parameters(mechanism, params)
 
     def solve(values: dict[str, Any], where: str) -> ForwardResult:
         return kinematics.forward_kinematics(mechanism, given, values, where, goal)
 
     if joints_file is None:
-        result = solve(options.parse_coordinates(joints, "--joints"), "--joints")
+        result = solve(options.split_pairs(joints, "--joints"), "--joints")
         emit(form, result.to_dict(), [tables.forward_table([result])])
         return
-    names = [c.name for c in mechanism.joints]
-    rows = read_rows(joints_file, "--joints-file", names)
+    rows = read_rows(joints_file, "--joints-file", mechanism, mechanism.joints)
+    for note in rows.notes:
+        notifier(quiet)(note)
 
     def empty(values: dict[str, Any]) -> ForwardResult:
         checked = mechanism.check_coordinates(values, mechanism.joints, "--joints-file")
@@ -164,7 +166,7 @@ def jacobian_command(
     result = kinematics.jacobian_at(
         mechanism,
         options.design_parameters(mechanism, params),
-        options.parse_coordinates(pose, "--pose"),
+        options.split_pairs(pose, "--pose"),
         mechanism.check_mode(working_mode, "--working-mode"),
         kind=kind,
         characteristic_length=characteristic_length,

@@ -14,11 +14,13 @@ EXIT_UNVERIFIED = 4
 
 @click.command("simulate")
 @click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG.toml")
+@options.config_options
 @options.threads_option
 @options.out_options
 @options.common_options
 def simulate_command(
-    config: Path, threads: int | None, out: Path | None, force: bool, form: str, quiet: bool,
+    config: Path, sets: tuple[str, ...],
+    threads: int | None, out: Path | None, force: bool, form: str, quiet: bool,
     debug: bool,
 ) -> int:  # fmt: skip
     """A motion on an independent multibody engine: the errors between the two.
@@ -34,7 +36,8 @@ def simulate_command(
     from pmopt.analysis.motion_config import load_motion
     from pmopt.reporting import simulate_run
 
-    task = load_motion(config)
+    task = load_motion(config, sets)
+    options.say_unusual(task.mechanism.beyond_bounds(task.parameters, str(config)))
     notify = notifier(quiet)
     with progress_bar(quiet, f"simulate {task.mechanism.name}", "holds") as progress:
         run = simulate_run.run_simulation(

@@ -71,8 +71,8 @@ def singularities_command(
         "working_mode": working_mode,
         "jacobian": kind,
         "characteristic_length": characteristic_length,
-        "domain": options.parse_ranges(domain, "--domain"),
-        "limits": options.parse_ranges(limits, "--limits"),
+        "domain": options.parse_ranges(domain, "--domain", mechanism),
+        "limits": options.parse_ranges(limits, "--limits", mechanism),
     }
     if path is not None:
         unused = {"samples": samples, "grid": grid, "domain": domain, "limits": limits, "out": out,
@@ -80,7 +80,7 @@ def singularities_command(
         for name, value in unused.items():
             if value:
                 raise InputError(f"--{name}: not together with --path")
-        _follow(path, mechanism, params, working_mode, form)
+        _follow(path, mechanism, params, working_mode, form, quiet)
         return
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "singularities"
@@ -98,21 +98,23 @@ def singularities_command(
 
 
 def _follow(
-    path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None, form: str
-) -> None:
+    path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None, form: str,
+    quiet: bool,
+) -> None:  # fmt: skip
     from pmopt.analysis.crossings import follow_path
     from pmopt.analysis.rows import read_rows
     from pmopt.reporting.singularity_run import path_tables
 
-    rows = read_rows(path, "--path", [c.name for c in mechanism.pose])
-    timed = all("t" in values for _, values in rows)
+    rows = read_rows(path, "--path", mechanism, mechanism.pose)
+    for note in rows.notes:
+        notifier(quiet)(note)
     result = follow_path(
         mechanism,
         options.design_parameters(mechanism, params),
-        [{k: v for k, v in values.items() if k != "t"} for _, values in rows],
-        [values["t"] for _, values in rows] if timed else None,
+        rows.poses(),
+        rows.times,
         mechanism.check_mode(working_mode, "--working-mode"),
         where=f"--path: {path}",
-        rows=[line for line, _ in rows],
+        rows=rows.lines,
     )
     emit(form, result.to_dict(), path_tables(result))

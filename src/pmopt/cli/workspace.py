@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 @click.option("--grid", type=int, metavar="N", help="Midpoint grid of N cells an axis instead.")
 @click.option(
     "--target-error",
-    type=float,
+    type=options.Quantity("1"),
     metavar="X",
     help="Sample until volume and GCI have this relative standard error.",
 )
@@ -49,7 +49,12 @@ if TYPE_CHECKING:
 @options.jacobian_options[0]
 @options.jacobian_options[1]
 @options.jacobian_options[2]
-@click.option("--min-lci", type=float, metavar="X", help="Poses with a smaller LCI do not count.")
+@click.option(
+    "--min-lci",
+    type=options.Quantity("1"),
+    metavar="X",
+    help="Poses with a smaller LCI do not count.",
+)
 @click.option(
     "--regions", metavar="0,..,1", help="Edges of the dexterity regions. Default: 0,0.1,0.3,1."
 )
@@ -72,19 +77,19 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--link-diameter",
-    type=float,
+    type=options.Quantity("length"),
     metavar="X",
     help="Links are capsules of this diameter that must not meet.",
 )
 @click.option(
     "--platform-diameter",
-    type=float,
+    type=options.Quantity("length"),
     metavar="X",
     help="Of the platform's spokes and the tool; default: the links'.",
 )
 @click.option(
     "--cone-angle",
-    type=float,
+    type=options.Quantity("rad"),
     metavar="RAD",
     help="Largest angle of passive U and S joints from their direction at home.",
 )
@@ -102,13 +107,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--certify",
-    type=float,
+    type=options.Quantity("1"),
     metavar="GAP",
     help="Guaranteed bounds of the volume instead of samples, GAP of it apart.",
 )
 @click.option(
     "--time-budget",
-    type=float,
+    type=options.Quantity("s"),
     metavar="SECONDS",
     help="With --certify: stop with the bounds so far.",
 )
@@ -156,14 +161,16 @@ def workspace_command(
         "characteristic_length": characteristic_length,
         "min_lci": min_lci,
         "regions": None if regions is None else options.parse_edges(regions),
-        "domain": options.parse_ranges(domain, "--domain"),
-        "limits": options.parse_ranges(limits, "--limits"),
+        "domain": options.parse_ranges(domain, "--domain", mechanism),
+        "limits": options.parse_ranges(limits, "--limits", mechanism),
         "aspect": aspect,
         "block": block,
         "link_diameter": link_diameter,
         "platform_diameter": platform_diameter,
         "cone_angle": cone_angle,
-        "tool": None if tool is None else options.parse_edges(tool, "--tool"),
+        "tool": None
+        if tool is None
+        else options.parse_point(tool, "--tool", mechanism.length_unit),
     }
     settings = validated(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -12,7 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InputError, unknown_name
-from pmopt.units import Kind, LengthUnit, ParameterKind, measure_unit, unit_of
+from pmopt.inputs.fields import Units
+from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
+from pmopt.units import (
+    ANGLE,
+    METRES,
+    ONE,
+    WATT,
+    Kind,
+    LengthUnit,
+    ParameterKind,
+    effort_unit,
+    measure_unit,
+    per_second,
+    unit_of,
+)
 
 if TYPE_CHECKING:
     from pmopt.mechanisms.bodies import Body
@@ -427,6 +441,33 @@ class Mechanism(ABC):
         """Return the unit of a coordinate or parameter."""
         return unit_of(coordinate.kind, self.length_unit)
 
+    def unit_named(self, name: str) -> str | None:
+        """Return the unit of a coordinate, of a limit such as ``l1_rate``, of a volume, or None.
+
+        Efforts and power are of actuated joints.
+        """
+        for c in (*self.pose, *self.joints, *self.passive, *self.parasitic):
+            if name == c.name:
+                return self.unit(c)
+            for ending, order in (("_rate", 1), ("_acceleration", 2)):
+                if name == f"{c.name}{ending}":
+                    return per_second(self.unit(c), order)
+        for joint in self.joints:
+            if name == f"{joint.name}_effort":
+                return effort_unit(joint.kind)
+            if name == f"{joint.name}_power":
+                return WATT
+        if name in ("tool_x", "tool_y", "tool_z"):
+            return self.length_unit
+        measures = {"volume": self.volume_unit, "projected_volume": 3, "footprint": 2}
+        kind = measures.get(name)
+        return measure_unit(["length"] * kind, self.length_unit) if isinstance(kind, int) else kind
+
+    @property
+    def units(self) -> Units:
+        """What units in configurations of this mechanism are."""
+        return Units(self.length_unit, self.unit_named)
+
     @property
     def entry_units(self) -> tuple[tuple[str, ...], ...]:
         """Unit of each entry of the raw Jacobian, row by row."""
@@ -447,31 +488,113 @@ class Mechanism(ABC):
     def resolve(self, given: Mapping[str, Any], where: str = "params") -> dict[str, float | None]:
         """Return all parameters, those given checked and the others at their defaults.
 
+        A value is a number in the mechanism's unit or a text with a unit, such as ``"650mm"``; an
+        angle may be given in degrees under its name with ``_deg`` appended.
+
         Raises
         ------
         InputError
             For an unknown name or a value out of the physical range.
         """
-        names = [p.name for p in self.parameters]
-        for name in given:
-            if name not in names:
-                raise unknown_name(where, name, names)
+        plain = self.plain_names(given, self.parameters, where)
         return {
-            p.name: self.check_parameter(p, given[p.name], where) if p.name in given else p.default
+            p.name: self.check_parameter(p, plain[p.name], where) if p.name in plain else p.default
             for p in self.parameters
         }
+
+    def plain_names(
+        self, given: Mapping[str, Any], known: Sequence[Coordinate | Parameter], where: str
+    ) -> dict[str, Any]:
+        """Return what is given under the names that are known; ``<angle>_deg`` is in degrees.
+
+        Raises
+        ------
+        InputError
+            For a name that is unknown or belongs elsewhere, and one that is given twice.
+        """
+        kinds = {k.name: k.kind for k in known}
+        plain: dict[str, Any] = {}
+        for name, value in given.items():
+            base, found = name, value
+            if name not in kinds and name.endswith("_deg"):
+                base = name.removesuffix("_deg")
+                found = in_degrees(value)
+            if base not in kinds or (base != name and kinds[base] != "angle"):
+                raise self.unknown_coordinate(where, name, list(kinds))
+            if base in plain:
+                raise InputError(f"{where}: {base} is given twice")
+            plain[base] = found
+        return plain
+
+    def unknown_coordinate(self, where: str, name: str, allowed: Sequence[str]) -> InputError:
+        """Return the error for a name that is not allowed, saying where it belongs if it is known.
+
+        Parameters
+        ----------
+        where : str
+        name : str
+        allowed : sequence of str
+        """
+        base = name.removesuffix("_deg")
+        places: tuple[tuple[Sequence[Coordinate | Parameter], str], ...] = (
+            (self.pose, "a pose coordinate: --pose gives it, domain (--domain) bounds it"),
+            (self.joints, "an actuated joint: --joints gives it, limits (--limits) bound it"),
+            (self.passive, "a passive joint: limits (--limits) bound it"),
+            (self.parasitic, "parasitic: it follows from the pose"),
+            (self.parameters, "a parameter: parameters (--params) set it"),
+        )
+        for group, what in places:
+            if base not in allowed and base in [c.name for c in group]:
+                return InputError(f"{where}: {base} is {what}; here: {', '.join(allowed)}")
+        return unknown_name(where, name, allowed)
+
+    def beyond_bounds(self, parameters: Mapping[str, Any], where: str) -> list[str]:
+        """Return one line for parameters outside their optimisation bounds, none where all are in.
+
+        What is no number, such as a range or an unset parameter, does not count.
+
+        It asks about a unit where a value would be within them in another one.
+        """
+        found = []
+        for name, value in parameters.items():
+            parameter = self.parameter(name)
+            if not isinstance(value, float) or parameter.bounds is None:
+                continue
+            low, high = parameter.bounds
+            if low <= value <= high:
+                continue
+            unit = self.unit(parameter)
+            units = METRES if parameter.kind == "length" else {ANGLE: 1.0, "deg": math.pi / 180}
+            meant = [
+                other
+                for other, size in units.items()
+                if parameter.kind != "ratio"
+                and other != unit
+                and low <= value * size / units[unit] <= high  # type: ignore[index]
+            ]
+            found.append(
+                f"{name} = {value:g}{'' if unit == ONE else f' {unit}'} is outside its bounds "
+                f"{low:g} to {high:g}{'' if unit == ONE else f' {unit}'}"
+                f"{f'; {value:g} {meant[0]}?' if meant else ''}"
+            )
+        return [f"{where}: {', '.join(found)}"] if found else []
 
     def check_parameter(self, parameter: Parameter, value: Any, where: str) -> float | None:
         """Return one parameter's value as a float, or None for an optional one that is unset."""
         if value is None and parameter.optional:
             return None
-        number = as_number(value)
-        if number is None or not parameter.accepts(number):
-            raise InputError(
-                f"{where}: {parameter.name}={value} is not allowed: {parameter.name} "
-                f"({parameter.meaning}) must be {parameter.allowed()}, in {self.unit(parameter)}"
-            )
-        return number
+        unit = self.unit(parameter)
+        reason = ""
+        try:
+            number = as_quantity(value, unit)
+            if parameter.accepts(number):
+                return number
+        except QuantityError as error:
+            reason = f"{error}; " if isinstance(value, str) else ""
+        raise InputError(
+            f"{where}: {parameter.name}={value} is not allowed: {reason}{parameter.name} "
+            f"({parameter.meaning}) must be {parameter.allowed()}, in {unit}"
+        )
 
     def check_mode(self, mode: str | None, where: str = "working mode") -> str:
         """Return the working mode, the first declared one for None."""
@@ -484,25 +607,25 @@ class Mechanism(ABC):
     def check_ranges(
         self, ranges: Mapping[str, Any], coordinates: tuple[Coordinate, ...], where: str
     ) -> dict[str, tuple[float, float]]:
-        """Return ranges of pose or joint coordinates, checked."""
-        names = [c.name for c in coordinates]
+        """Return ranges of pose or joint coordinates, checked; for units see :meth:`resolve`."""
         checked = {}
-        for name, value in ranges.items():
-            if name not in names:
-                raise unknown_name(where, name, names)
-            pair = [as_number(v) for v in value] if isinstance(value, list | tuple) else []
-            if len(pair) != 2 or None in pair or not pair[0] < pair[1]:  # type: ignore[operator]
-                shown = ":".join(map(str, value)) if isinstance(value, list | tuple) else value
+        for name, value in self.plain_names(ranges, coordinates, where).items():
+            coordinate = next(c for c in coordinates if c.name == name)
+            ends = list(value) if isinstance(value, list | tuple) else []
+            shown = ":".join(map(str, ends)) if ends else value
+            try:
+                pair = [as_quantity(end, self.unit(coordinate)) for end in ends]
+            except QuantityError as error:
+                raise InputError(f"{where}: {name}={shown} is no range: {error}") from None
+            if len(pair) != 2 or not pair[0] < pair[1]:
                 raise InputError(f"{where}: {name}={shown} is no range: lower < upper is needed")
-            low, high = float(pair[0]), float(pair[1])  # type: ignore[arg-type]
-            if coordinates[names.index(name)].kind == "angle":
+            low, high = pair
+            if coordinate.kind == "angle":
                 # Results lie in (-pi, pi]: that is where an open range ends.
                 low = -math.pi if low == -math.inf else low
                 high = math.pi if high == math.inf else high
                 if not low < high:
-                    raise InputError(
-                        f"{where}: {name}={pair[0]}:{pair[1]} is empty: angles lie in (-pi, pi]"
-                    )
+                    raise InputError(f"{where}: {name}={shown} is empty: angles lie in (-pi, pi]")
             checked[name] = (low, high)
         return checked
 
@@ -511,31 +634,28 @@ class Mechanism(ABC):
     ) -> dict[str, float]:
         """Return a complete pose or set of joint positions as finite floats.
 
-        An angle may be given in degrees under its name with ``_deg`` appended.
+        For units and degrees see :meth:`resolve`.
         """
         names = [c.name for c in coordinates]
+        plain = self.plain_names(given, coordinates, where)
         values: dict[str, float] = {}
-        for name, value in given.items():
-            base, degrees = name, False
-            if name.endswith("_deg") and name not in names:
-                base, degrees = name.removesuffix("_deg"), True
-            coordinate = next((c for c in coordinates if c.name == base), None)
-            if coordinate is None or (degrees and coordinate.kind != "angle"):
-                raise unknown_name(where, name, names)
-            if base in values:
-                raise InputError(f"{where}: {base} is given twice")
-            number = as_number(value)
-            if number is None or not abs(number) <= LARGEST_COORDINATE:
-                unit = "degrees" if degrees else self.unit(coordinate)
+        for coordinate in coordinates:
+            name = coordinate.name
+            if name not in plain:
+                raise InputError(f"{where}: {name} is missing, needed: {', '.join(names)}")
+            unit = self.unit(coordinate)
+            reason = ""
+            try:
+                values[name] = as_quantity(plain[name], unit)
+            except QuantityError as error:
+                reason = f"{error}; " if isinstance(plain[name], str) else ""
+                values[name] = math.nan
+            if not abs(values[name]) <= LARGEST_COORDINATE:
                 raise InputError(
-                    f"{where}: {name}={value} is not allowed: a number of at most "
+                    f"{where}: {name}={plain[name]} is not allowed: {reason}a number of at most "
                     f"{LARGEST_COORDINATE:g} {unit} in size is needed"
                 )
-            values[base] = math.radians(number) if degrees else number
-        missing = [name for name in names if name not in values]
-        if missing:
-            raise InputError(f"{where}: {missing[0]} is missing, needed: {', '.join(names)}")
-        return {name: values[name] for name in names}
+        return values
 
 
 def as_number(value: Any) -> float | None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 
 import pmopt.mechanisms as package
 from pmopt.errors import InputError, PmoptError, unknown_name
+from pmopt.inputs.identify import describe
 from pmopt.mechanisms.base import Mechanism
 
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
@@ -67,5 +70,10 @@ def find(name: str) -> Mechanism:
         raise InputError(f"mechanism: empty name, allowed: {', '.join(names())}")
     mechanism = _registry().get(_key(name))
     if mechanism is None:
+        what = describe(Path(name)) if os.path.exists(name) else ""
+        if what:
+            raise InputError(
+                f"mechanism: {name} {what}; a mechanism is one of {', '.join(names())}"
+            )
         raise unknown_name("mechanism", name, names())
     return mechanism

@@ -18,6 +18,16 @@ from typing import Any
 
 from pmopt.analysis.validation import read_toml
 from pmopt.errors import InputError, InputErrors
+from pmopt.inputs.identify import describe
+from pmopt.inputs.overrides import (
+    SET,
+    overridden,
+    range_values,
+    read_overrides,
+    set_key,
+    spaced_values,
+    sweep_values,
+)
 from pmopt.reporting.runners import Runner, resolve
 from pmopt.reporting.table import Cell
 
@@ -31,6 +41,10 @@ _DIGEST = 8
 _UNSAFE = re.compile(r"[^A-Za-z0-9._=+-]+")
 #: Names that some systems keep for devices.
 _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\.|$)")
+
+
+#: Keys of a range of values.
+_SPAN = {"start", "stop", "num"}
 
 
 @dataclass(frozen=True)
@@ -91,19 +105,22 @@ def find_configs(patterns: Sequence[str]) -> list[str]:
             if not match:
                 lines.append("CONFIG: '' is no name of a file")
             if os.path.isdir(match):
-                lines.append(f"{match}: is a folder; a quoted glob like '{match}/*.toml' is needed")
+                what = describe(Path(match))
+                lines.append(f"{match}: {what}; a quoted glob like '{match}/*.toml' is needed")
             found.setdefault(os.path.abspath(match), match)
     if lines:
         raise InputErrors(lines)
     return list(found.values())
 
 
-def plan_runs(paths: Iterable[str]) -> list[PlannedRun]:
+def plan_runs(paths: Iterable[str], sets: Sequence[str] = ()) -> list[PlannedRun]:
     """Read configurations and resolve every run of them.
 
     Parameters
     ----------
     paths : iterable of str
+    sets : sequence of str
+        ``KEY=VALUE`` in every configuration; a list or range of values sweeps over them.
 
     Raises
     ------
@@ -114,7 +131,7 @@ def plan_runs(paths: Iterable[str]) -> list[PlannedRun]:
     found: list[tuple[str, str, dict[str, Any], Runner]] = []
     for path in paths:
         try:
-            data = read_toml(Path(path), path)
+            data = _changed(read_toml(Path(path), path), sets)
             variants = list(expand(data, path))
         except InputError as error:
             lines.append(str(error))
@@ -139,6 +156,21 @@ def plan_runs(paths: Iterable[str]) -> list[PlannedRun]:
         PlannedRun(name, path, swept, runner)
         for name, (_, path, swept, runner) in zip(names, found, strict=True)
     ]
+
+
+def _changed(data: dict[str, Any], sets: Sequence[str]) -> dict[str, Any]:
+    """Return a configuration with what is set on the command line, lists as a sweep."""
+    for key, text in read_overrides(sets).items():
+        try:
+            values = sweep_values(text)
+        except InputError as error:
+            raise InputError(f"{SET}: {key}: {error}") from None
+        if values is None:
+            data = overridden(data, [f"{key}={text}"])
+        else:
+            sweep = data.get(SWEEP, {})
+            data = {**data, SWEEP: {**(sweep if isinstance(sweep, dict) else {}), key: values}}
+    return data
 
 
 def expand(data: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
@@ -169,7 +201,7 @@ def expand(data: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], d
         swept = dict(zip(axes, values, strict=True))
         variant = copy.deepcopy(rest)
         for key, value in swept.items():
-            _set(variant, key, copy.deepcopy(value), place)
+            set_key(variant, key, copy.deepcopy(value), place)
         yield swept, variant
 
 
@@ -179,13 +211,12 @@ def _axes(table: Any, place: str, prefix: str = "") -> Iterator[tuple[str, list[
         raise InputError(f"{place}{_at(prefix)}: a table of KEY = [VALUE, ..] is needed")
     for name, values in table.items():
         key = f"{prefix}{name}"
-        if isinstance(values, dict):
+        if isinstance(values, dict) and set(values) != _SPAN:
             yield from _axes(values, place, f"{key}.")
             continue
         if not all(key.split(".")) or key.split(".")[0] == SWEEP:
             raise InputError(f"{place}: {key!r} is no key of a configuration")
-        if not isinstance(values, list) or not values:
-            raise InputError(f"{place}: {key}={values!r} is not allowed: a list is needed")
+        values = _listed(values, f"{place}: {key}")
         texts = Counter(_text(value) for value in values)
         for text, times in texts.items():
             if times > 1:
@@ -193,18 +224,24 @@ def _axes(table: Any, place: str, prefix: str = "") -> Iterator[tuple[str, list[
         yield key, values
 
 
+def _listed(values: Any, place: str) -> list[Any]:
+    """Return the values of a list, of a range ``"0.5:1:0.1"`` or of {start, stop, num}."""
+    try:
+        if isinstance(values, dict):
+            return list(spaced_values(**values))
+        span = range_values(values) if isinstance(values, str) else values
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    if not isinstance(span, list) or not span:
+        raise InputError(
+            f'{place}={values!r} is not allowed: a list, a range "FROM:TO:STEP" or '
+            "{start, stop, num} is needed"
+        )
+    return span
+
+
 def _at(prefix: str) -> str:
     return f".{prefix[:-1]}" if prefix else ""
-
-
-def _set(data: dict[str, Any], key: str, value: Any, place: str) -> None:
-    """Set a value by its dotted key, making tables on the way."""
-    *path, last = key.split(".")
-    for name in path:
-        data = data.setdefault(name, {})
-        if not isinstance(data, dict):
-            raise InputError(f"{place}: {key}: {name} is no table")
-    data[last] = value
 
 
 def _text(value: Any) -> str:

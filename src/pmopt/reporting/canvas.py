@@ -1,4 +1,4 @@
-"""What all pictures share: style, text and the way to PNG bytes.
+"""What all pictures share: style, text and the way to bytes.
 
 Matplotlib is imported when something is drawn, and used without pyplot's state: no window opens,
 no setting is left changed, and the reader's own matplotlibrc has no say.
@@ -11,6 +11,8 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,7 @@ import numpy as np
 
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.workspace import WorkspaceResult
+from pmopt.errors import InputError
 from pmopt.units import ONE, pretty
 
 if TYPE_CHECKING:
@@ -25,6 +28,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DPI = 150
+FORMS = ("png", "svg", "pdf")
+#: What each form would say of time and program.
+_METADATA = {"png": ("Software",), "svg": ("Date",), "pdf": ("Creator", "Producer", "CreationDate")}
+_FORM: ContextVar[str] = ContextVar("form", default="png")
 COLOURS = "viridis"
 INK, FAINT, LINE = "#222222", "#808080", "#2f5d8a"
 _STYLE: dict[str, Any] = {
@@ -34,6 +41,9 @@ _STYLE: dict[str, Any] = {
     "axes.edgecolor": FAINT,
     "axes.linewidth": 0.7,
     "axes.formatter.useoffset": False,
+    "svg.hashsalt": "pmopt",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
     "axes.labelcolor": INK,
     "text.color": INK,
     "grid.color": "#dddddd",
@@ -68,11 +78,41 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
         yield figure
 
 
-def to_png(figure: Figure) -> bytes:
-    """Return the picture without the metadata that would tell one machine from another."""
+def to_picture(figure: Figure) -> bytes:
+    """Return the picture without the metadata that would tell one machine from another.
+
+    It is a PNG, or what :func:`drawn_as` says.
+    """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
+    form = _FORM.get()
+    figure.savefig(buffer, format=form, metadata=dict.fromkeys(_METADATA[form]))
     return buffer.getvalue()
+
+
+@contextmanager
+def drawn_as(form: str) -> Iterator[None]:
+    """Draw pictures as ``png``, ``svg`` or ``pdf`` within a block."""
+    token = _FORM.set(form)
+    try:
+        yield
+    finally:
+        _FORM.reset(token)
+
+
+def form_of(path: Path, where: str) -> str:
+    """Return the form of a picture by its suffix.
+
+    Raises
+    ------
+    InputError
+    """
+    form = path.suffix.lower().removeprefix(".")
+    if form not in FORMS:
+        raise InputError(
+            f"{where}: {path}: {path.suffix or 'no suffix'} is not offered, "
+            f"allowed: {', '.join(f'.{f}' for f in FORMS)}"
+        )
+    return form
 
 
 def fit_axes(figure: Figure, axes: Any, place: tuple[float, float, float, float]) -> None:
@@ -132,7 +172,7 @@ def draw_nothing(result: WorkspaceResult) -> bytes:
         )  # fmt: skip
         figure.text(0.5, 0.42, found, ha="center", va="center", fontsize=13, color=FAINT)
         write_caption(figure, result)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def label(name: str, unit: str) -> str:

@@ -33,7 +33,7 @@ from pmopt.reporting.canvas import (
     INK,
     format_estimate,
     parameter_text,
-    to_png,
+    to_picture,
     with_unit,
 )
 from pmopt.reporting.fields import Section, section_fields
@@ -265,4 +265,4 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
         body = "\n".join(textwrap.wrap(", ".join(told), room))
         figure.text(0.15 / width, 1 - 0.12 / height, head, va="top", fontsize=10.5)
         figure.text(0.15 / width, 1 - 0.33 / height, body, va="top", fontsize=8.5, color="#555555")
-        return to_png(figure)
+        return to_picture(figure)

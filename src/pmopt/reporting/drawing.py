@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.mechanisms.base import PLATFORM, Chain, Mechanism, Parameters
-from pmopt.reporting.canvas import FAINT, INK, fit_axes, label, new_figure, parameter_text, to_png
+from pmopt.reporting.canvas import (
+    FAINT,
+    INK,
+    fit_axes,
+    label,
+    new_figure,
+    parameter_text,
+    to_picture,
+)
 
 #: Marker of each kind of joint.
 _MARKERS = {"R": "o", "P": "s", "C": "h", "U": "D", "S": "P", "Pa": "^"}
@@ -74,7 +82,7 @@ def draw_mechanism(
         units = {c.name: mechanism.unit(c) for c in mechanism.pose}
         figure.text(0.02, 0.93, f"at {parameter_text(pose, units)}, working mode {scene.mode}",
                     va="top", fontsize=8.5, color="#555555")  # fmt: skip
-        return to_png(figure)
+        return to_picture(figure)
 
 
 class _Scene(NamedTuple):

@@ -12,7 +12,7 @@ from pmopt.analysis.motion import Motion
 from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.analysis.motion_summary import columns
 from pmopt.mechanisms import Mechanism
-from pmopt.reporting.canvas import label, new_figure, parameter_text, to_png
+from pmopt.reporting.canvas import label, new_figure, parameter_text, to_picture
 from pmopt.units import per_second
 
 #: Told apart without colour too, by the dashes.
@@ -143,7 +143,7 @@ def _draw(
         figure.text(x, 1 - 0.31 / height,
                     f"{parameter_text(shown, units)}, working mode {motion.working_mode}",
                     va="top", fontsize=8.5, color="#555555")  # fmt: skip
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def _line(number: int) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from pmopt.reporting.canvas import (
     largest_colour,
     new_figure,
     parameter_text,
-    to_png,
+    to_picture,
     with_unit,
     write_caption,
 )
@@ -104,7 +104,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         bar = figure.colorbar(scale, cax=figure.add_axes((0.895, 0.2, 0.02, 0.55)))
         bar.set_label(index_label(result))
         write_caption(figure, result, told)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes:
@@ -129,7 +129,7 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
         remarks += ["white lines: edges of the dexterity regions"] if edges else []
         remarks += ["red lines: forward or constraint singularity"]
         write_caption(figure, result, remarks)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 @contextmanager
@@ -264,7 +264,7 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
         axes.set_ylabel(f"share of the reachable volume\nper {1 / _BINS:g} of LCI (%)")
         axes.spines[["top", "right"]].set_visible(False)
         write_caption(figure, result)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def draw_front(
@@ -337,7 +337,7 @@ def draw_front(
         axes.grid(color="#e6e6e6", linewidth=0.6)
         axes.set_axisbelow(True)
         figure.text(0.11, 0.94, title, fontsize=10.5)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def draw_history(
@@ -373,7 +373,7 @@ def draw_history(
         axes.grid(color="#e6e6e6", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         figure.text(0.12, 0.93, title, fontsize=10.5)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def _shown(table: Mapping[str, NDArray[Any]], name: str, row: int) -> str:

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.motion_config import MotionTask, resolve_motion
-from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.settings import WorkspaceSettings, named_mechanism
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.validation import validated
@@ -270,11 +270,8 @@ class WorkspaceRunner(Runner):
     @classmethod
     def resolve(cls, data: dict[str, Any], where: str) -> WorkspaceRunner:
         """Validate what the options of ``pmopt workspace`` are elsewhere."""
-        config = validated(WorkspaceConfig, data, where)
-        try:
-            mechanism = find(config.mechanism)
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
+        mechanism = named_mechanism(data, where)
+        config = validated(WorkspaceConfig, data, where, mechanism.units)
         dimension = len(mechanism.pose)
         cells = DEFAULT_GRIDS[dimension] if config.shape_grid is None else config.shape_grid
         return cls(

@@ -9,7 +9,7 @@ import numpy as np
 
 from pmopt.analysis.motion_config import MotionTask
 from pmopt.analysis.simulation import Comparison, Simulation
-from pmopt.reporting.canvas import LINE, label, new_figure, parameter_text, to_png
+from pmopt.reporting.canvas import LINE, label, new_figure, parameter_text, to_picture
 from pmopt.units import effort_unit
 
 _ENGINE, _ERROR = "#c1573b", "#555555"
@@ -82,7 +82,7 @@ def draw_comparison(
                               ncols=2, fontsize=8,
                               bbox_to_anchor=(1 - 0.1 / width, 1 - 0.32 / height))  # fmt: skip
         _write_head(figure, task, simulation, mode)
-        return to_png(figure)
+        return to_picture(figure)
 
 
 def _pad(axes: Any, *curves: Any) -> None:

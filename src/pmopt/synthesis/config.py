@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings
+from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings, named_mechanism
 from pmopt.analysis.sweeper import TOOL
-from pmopt.analysis.validation import read_toml, validated
+from pmopt.analysis.validation import read_config, validated
 from pmopt.errors import InputError
-from pmopt.mechanisms import Mechanism, find
-from pmopt.mechanisms.base import as_number
+from pmopt.inputs.fields import Unit, UnitByName
+from pmopt.inputs.overrides import overridden
+from pmopt.inputs.quantities import QuantityError, as_quantity
+from pmopt.mechanisms import Mechanism
 from pmopt.units import ONE, measure_unit
 
 Objective = Literal["volume", "gci", "projected_volume", "footprint"]
@@ -49,7 +52,7 @@ class AlgorithmSettings(BaseModel):
     crossover_probability: FiniteFloat = Field(default=0.9, ge=0, le=1)
     mutation_eta: FiniteFloat = Field(default=20.0, gt=0)
     seed: int = Field(default=1, ge=0, lt=2**63)
-    reference: dict[Objective, FiniteFloat] = Field(default_factory=dict)
+    reference: Annotated[dict[Objective, FiniteFloat], UnitByName()] = Field(default_factory=dict)
 
 
 class ConstraintSettings(BaseModel):
@@ -74,7 +77,7 @@ class FinalSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    target_error: FiniteFloat = Field(default=5e-4, ge=1e-7, lt=1)
+    target_error: Annotated[FiniteFloat, Unit("1")] = Field(default=5e-4, ge=1e-7, lt=1)
 
 
 class RunConfig(BaseModel):
@@ -151,11 +154,8 @@ def resolve_config(data: Any, where: str) -> RunConfig:
     InputError
         One line: file, key, value and what is allowed.
     """
-    config = validated(RunConfig, data, where)
-    try:
-        mechanism = find(config.mechanism)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+    mechanism = named_mechanism(data, where)
+    config = validated(RunConfig, data, where, mechanism.units)
     parameters = _parameters(config, mechanism, where)
     workspace = config.workspace
     mechanism.check_mode(workspace.working_mode, f"{where}: workspace.working_mode")
@@ -181,43 +181,43 @@ def _parameters(
 ) -> dict[str, float | tuple[float, float] | None]:
     """Return every parameter as a fixed number, a range or None (unset)."""
     place = f"{where}: parameters"
-    mechanism.resolve({k: mechanism.parameter(k).default for k in config.parameters
-                       if k in {p.name for p in mechanism.parameters}}
-                      | {k: None for k in config.parameters
-                         if k not in {p.name for p in mechanism.parameters}}, place)  # fmt: skip
+    plain = mechanism.plain_names(config.parameters, mechanism.parameters, place)
     resolved: dict[str, float | tuple[float, float] | None] = {}
     for parameter in mechanism.parameters:
         own = parameter.default if parameter.bounds is None else parameter.bounds
-        given = config.parameters.get(parameter.name, own)
-        if isinstance(given, list | tuple):
-            ends = [as_number(v) for v in given]
-            if (
-                len(ends) != 2
-                or any(v is None or not parameter.accepts(v) for v in ends)
-                or not ends[0] < ends[1]  # type: ignore[operator]
-            ):
-                raise InputError(
-                    f"{place}: {parameter.name}={list(given)} is not allowed: a range is "
-                    f"[lower, upper] with lower < upper, each {parameter.allowed()}, "
-                    f"in {mechanism.unit(parameter)}"
-                )
-            resolved[parameter.name] = (float(given[0]), float(given[1]))
-        else:
+        given = plain.get(parameter.name, own)
+        if not isinstance(given, list | tuple):
             resolved[parameter.name] = mechanism.check_parameter(parameter, given, place)
+            continue
+        unit = mechanism.unit(parameter)
+        try:
+            ends, reason = [as_quantity(v, unit) for v in given], ""
+        except QuantityError as error:
+            ends, reason = [], f"{error}; "
+        if len(ends) != 2 or not all(map(parameter.accepts, ends)) or not ends[0] < ends[1]:
+            raise InputError(
+                f"{place}: {parameter.name}={list(given)} is not allowed: {reason}a range is "
+                f"[lower, upper] with lower < upper, each {parameter.allowed()}, in {unit}"
+            )
+        resolved[parameter.name] = (ends[0], ends[1])
     if not any(isinstance(v, tuple) for v in resolved.values()):
         raise InputError(f"{place}: every parameter is fixed, at least one needs a range")
     return resolved
 
 
-def load_config(path: Path) -> RunConfig:
+def load_config(path: Path, sets: Sequence[str] = ()) -> RunConfig:
     """Read and resolve a TOML configuration.
+
+    Parameters
+    ----------
+    path : Path
+    sets : sequence of str
+        ``KEY=VALUE`` that take the place of what stands there.
 
     Raises
     ------
     InputError
         For a file that can not be read, is no TOML or does not validate.
     """
-    data = read_toml(path, str(path))
-    if data.pop("command", "pareto") != "pareto" or "sweep" in data:
-        raise InputError(f"{path}: is a configuration of pmopt batch (it has command or sweep)")
+    data = overridden(read_config(path, "pareto"), sets)
     return resolve_config(data, str(path))

@@ -362,7 +362,7 @@ BAD_FILES = {
     "no rows": ("x,y,z\n", ("no rows", "x, y, z")),
     "empty": ("", ("no rows", "x, y, z")),
     "column missing": ("x,y\n0,0\n", ("z is missing",)),
-    "column missing": ("x,y,w\n0,0,1\n", ("z is missing", "x, y, z", "has x, y, w")),
+    "column misspelt": ("x,y,w\n0,0,1\n", ("z is missing", "x, y, z", "has x, y, w")),
     "column twice": ("x,x,y,z\n0,0,0,1\n", ("twice",)),
     "degrees of a length": ("x_deg,y,z\n0,0,1\n", ("x_deg", "x, y, z")),
     "points among commas": ("x;y;z\n0,5;0.1;1\n", ("line 2", "0.1", "decimal comma")),

@@ -459,9 +459,10 @@ class Mechanism(ABC):
                 return WATT
         if name in ("tool_x", "tool_y", "tool_z"):
             return self.length_unit
-        measures = {"volume": self.volume_unit, "projected_volume": 3, "footprint": 2}
-        kind = measures.get(name)
-        return measure_unit(["length"] * kind, self.length_unit) if isinstance(kind, int) else kind
+        if name == "volume":
+            return self.volume_unit
+        lengths = {"projected_volume": 3, "footprint": 2}.get(name)
+        return None if lengths is None else measure_unit(["length"] * lengths, self.length_unit)
 
     @property
     def units(self) -> Units:

@@ -26,6 +26,8 @@ EPS = 2.220446049250313e-16
 TINY = 1e-300
 #: cos theta_1 over this is the polynomial's variable: roots at +-1 are inside.
 cur_WIDE = 1.0009765625
+#: A single root beyond this is no cosine.
+cur_COSINE = 1.00001
 #: Largest miss of an equation, over the size of its terms, at a solution, and at a start for it.
 cur_CLOSE, cur_NEAR = 3e-14, 0.02
 #: Modes at most, of which half are mirror images; numbers kept of each of the others.
@@ -372,8 +374,8 @@ def cur_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
     if not size <= widest:
         return 0, True
     values = w[cur_VALUES : cur_VALUES + 9]
-    roots = w[cur_ROOTS : cur_ROOTS + 2 * octic_MOST].reshape((octic_MOST, 2))
-    stack = w[cur_STACK : cur_STACK + 11 * octic_DEPTH].reshape((octic_DEPTH, 11))
+    roots = w[cur_ROOTS : cur_ROOTS + 2 * octic_MOST]
+    stack = w[cur_STACK : cur_STACK + 11 * octic_DEPTH]
     matrix = constants[14:96]
     error = 0.0
     largest = 0.0
@@ -388,10 +390,13 @@ def cur_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
     if largest > error:
         some, bound = octic_roots(values, error, matrix, stack, roots)
         for m in range(some):
-            around = 3 if roots[m, 1] > 0.0 else 1
+            if roots[2 * m + 1] == 0.0 and abs(cur_WIDE * roots[2 * m]) > cur_COSINE:
+                bound -= 1
+                continue
+            around = 3 if roots[2 * m + 1] > 0.0 else 1
             for side in range(around):
-                shift = roots[m, 1] if side == 1 else (-roots[m, 1] if side == 2 else 0.0)
-                count = cur_starts(w, count, cur_WIDE * (roots[m, 0] + shift))
+                shift = roots[2 * m + 1] if side == 1 else (-roots[2 * m + 1] if side == 2 else 0.0)
+                count = cur_starts(w, count, cur_WIDE * (roots[2 * m] + shift))
     else:
         # The equations say nothing about theta_1: as far as Newton's method finds modes.
         for m in range(9):

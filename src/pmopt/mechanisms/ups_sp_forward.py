@@ -393,8 +393,8 @@ def sp_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
     cg = 1.0 if cg > 1.0 else (-1.0 if cg < -1.0 else cg)
     sg = math.sqrt((1.0 - cg) * (1.0 + cg))
     values = w[sp_VALUES : sp_VALUES + 9]
-    roots = w[sp_ROOTS : sp_ROOTS + 2 * octic_MOST].reshape((octic_MOST, 2))
-    stack = w[sp_STACK : sp_STACK + 11 * octic_DEPTH].reshape((octic_DEPTH, 11))
+    roots = w[sp_ROOTS : sp_ROOTS + 2 * octic_MOST]
+    stack = w[sp_STACK : sp_STACK + 11 * octic_DEPTH]
     count = 0
     bound = 0
     phase_s, phase_c = sin_cos(sp_PHASE)
@@ -423,10 +423,12 @@ def sp_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
             some, most = octic_roots(values, error, matrix, stack, roots)
             bound += most
             for m in range(some):
-                around = 3 if roots[m, 1] > 0.0 else 1
+                around = 3 if roots[2 * m + 1] > 0.0 else 1
                 for side in range(around):
-                    shift = roots[m, 1] if side == 1 else (-roots[m, 1] if side == 2 else 0.0)
-                    t = roots[m, 0] + shift
+                    shift = (
+                        roots[2 * m + 1] if side == 1 else (-roots[2 * m + 1] if side == 2 else 0.0)
+                    )
+                    t = roots[2 * m] + shift
                     weight = 1.0 + t * t
                     c = (1.0 - t * t) / weight
                     s = 2.0 * t / weight

@@ -56,7 +56,7 @@ def octic_changes(stack, k, tolerance):  # type: ignore[no-untyped-def]
     plus = 0
     minus = 0
     for i in range(2, octic_ROW):
-        b = stack[k, i]
+        b = stack[octic_ROW * k + i]
         # Most changes so far where this coefficient is positive, and where it is negative.
         up = plus if plus > minus + 1 else minus + 1
         down = minus if minus > plus + 1 else plus + 1
@@ -73,38 +73,42 @@ def octic_split(stack, k, share, at):  # type: ignore[no-untyped-def]
 
     ``at`` may be k.
     """
-    low = stack[k, 0]
-    high = stack[k, 1]
+    low = stack[octic_ROW * k + 0]
+    high = stack[octic_ROW * k + 1]
     middle = low + share * (high - low)
     for i in range(2, octic_ROW):
-        stack[at, i] = stack[k, i]
+        stack[octic_ROW * at + i] = stack[octic_ROW * k + i]
     for i in range(9):
-        stack[at + 1, 2 + i] = stack[at, 2]
+        stack[octic_ROW * (at + 1) + 2 + i] = stack[octic_ROW * at + 2]
         for j in range(2, octic_ROW - 1 - i):
-            stack[at, j] += share * (stack[at, j + 1] - stack[at, j])
+            stack[octic_ROW * at + j] += share * (
+                stack[octic_ROW * at + j + 1] - stack[octic_ROW * at + j]
+            )
     # De Casteljau's scheme leaves the right part's coefficients where it ends.
-    stack[at + 1, 0] = low
-    stack[at + 1, 1] = middle
-    stack[at, 0] = middle
-    stack[at, 1] = high
+    stack[octic_ROW * (at + 1) + 0] = low
+    stack[octic_ROW * (at + 1) + 1] = middle
+    stack[octic_ROW * at + 0] = middle
+    stack[octic_ROW * at + 1] = high
 
 
 def octic_value(stack, k, share, spare):  # type: ignore[no-untyped-def]
     """Return the polynomial at a share of row k's interval."""
     for i in range(2, octic_ROW):
-        stack[spare, i] = stack[k, i]
+        stack[octic_ROW * spare + i] = stack[octic_ROW * k + i]
     for i in range(8):
         for j in range(2, octic_ROW - 1 - i):
-            stack[spare, j] += share * (stack[spare, j + 1] - stack[spare, j])
-    return stack[spare, 2]
+            stack[octic_ROW * spare + j] += share * (
+                stack[octic_ROW * spare + j + 1] - stack[octic_ROW * spare + j]
+            )
+    return stack[octic_ROW * spare + 2]
 
 
 def octic_refined(stack, k, spare):  # type: ignore[no-untyped-def]
     """Return the root in row k's interval, at whose ends the signs differ."""
     low = 0.0
     high = 1.0
-    at_low = stack[k, 2]
-    at_high = stack[k, octic_ROW - 1]
+    at_low = stack[octic_ROW * k + 2]
+    at_high = stack[octic_ROW * k + octic_ROW - 1]
     side = 0
     middle = 0.5
     for _ in range(60):
@@ -128,7 +132,7 @@ def octic_refined(stack, k, spare):  # type: ignore[no-untyped-def]
             at_low = value
             at_high = 0.5 * at_high if side < 0 else at_high
             side = -1
-    return stack[k, 0] + middle * (stack[k, 1] - stack[k, 0])
+    return stack[octic_ROW * k + 0] + middle * (stack[octic_ROW * k + 1] - stack[octic_ROW * k + 0])
 
 
 def octic_around(stack, low, high, tolerance, spare):  # type: ignore[no-untyped-def]
@@ -160,15 +164,15 @@ def octic_roots(values, error, matrix, stack, roots):  # type: ignore[no-untyped
         At :func:`nodes`, each to within ``error``.
     matrix : (82,)
         :func:`bernstein`.
-    stack : (octic_DEPTH, octic_ROW)
-        Scratch space.
-    roots : (octic_MOST, 2)
-        Roots, and for each 0 or, of a cluster, its width.
+    stack : (octic_DEPTH * octic_ROW,)
+        Scratch space, row by row.
+    roots : (2 * octic_MOST,)
+        Each root and behind it 0 or, of a cluster, its width.
 
     Returns
     -------
     count, bound : int
-        Numbers of rows written, and of the real roots there can be, each as often as its
+        Numbers of roots written, and of the real roots there can be, each as often as its
         multiplicity.
     """
     last = octic_DEPTH - 1
@@ -177,12 +181,12 @@ def octic_roots(values, error, matrix, stack, roots):  # type: ignore[no-untyped
         total = 0.0
         for j in range(9):
             total += matrix[9 * i + j] * values[j]
-        stack[0, 2 + i] = total
-        stack[last, 2 + i] = total
-    stack[0, 0] = -1.0
-    stack[0, 1] = 1.0
-    stack[last, 0] = -1.0
-    stack[last, 1] = 1.0
+        stack[2 + i] = total
+        stack[octic_ROW * last + 2 + i] = total
+    stack[0] = -1.0
+    stack[1] = 1.0
+    stack[octic_ROW * last + 0] = -1.0
+    stack[octic_ROW * last + 1] = 1.0
     depth = 1
     count = 0
     bound = 0
@@ -192,37 +196,44 @@ def octic_roots(values, error, matrix, stack, roots):  # type: ignore[no-untyped
         if most == 0:
             depth -= 1
             continue
-        ends = abs(stack[k, 2]) > tolerance and abs(stack[k, octic_ROW - 1]) > tolerance
+        ends = (
+            abs(stack[octic_ROW * k + 2]) > tolerance
+            and abs(stack[octic_ROW * k + octic_ROW - 1]) > tolerance
+        )
         if most == 1 and ends:
-            roots[count, 0] = octic_refined(stack, k, last - 1)
-            roots[count, 1] = 0.0
+            roots[2 * count] = octic_refined(stack, k, last - 1)
+            roots[2 * count + 1] = 0.0
             count += 1
             bound += 1
             depth -= 1
             continue
         largest = 0.0
         for i in range(2, octic_ROW):
-            largest = abs(stack[k, i]) if abs(stack[k, i]) > largest else largest
-        low = stack[k, 0]
-        high = stack[k, 1]
+            largest = (
+                abs(stack[octic_ROW * k + i])
+                if abs(stack[octic_ROW * k + i]) > largest
+                else largest
+            )
+        low = stack[octic_ROW * k + 0]
+        high = stack[octic_ROW * k + 1]
         if high - low > octic_NARROW and largest > tolerance and depth < last - 3:
             octic_split(stack, k, octic_SPLIT, k)
             depth += 1
             continue
         depth -= 1
         width = high - low
-        if count > 0 and roots[count - 1, 1] > 0.0:
+        if count > 0 and roots[2 * count - 1] > 0.0:
             # Intervals come from left to right: neighbours are one cluster.
-            start = roots[count - 1, 0] - 0.5 * roots[count - 1, 1]
-            if low - (start + roots[count - 1, 1]) <= 4.0 * width:
-                roots[count - 1, 0] = 0.5 * (start + high)
-                roots[count - 1, 1] = high - start
+            start = roots[2 * count - 2] - 0.5 * roots[2 * count - 1]
+            if low - (start + roots[2 * count - 1]) <= 4.0 * width:
+                roots[2 * count - 2] = 0.5 * (start + high)
+                roots[2 * count - 1] = high - start
                 continue
-        roots[count, 0] = 0.5 * (low + high)
-        roots[count, 1] = width
+        roots[2 * count] = 0.5 * (low + high)
+        roots[2 * count + 1] = width
         count += 1
     for k in range(count):
-        if roots[k, 1] > 0.0:
-            half = 0.5 * roots[k, 1]
-            bound += octic_around(stack, roots[k, 0] - half, roots[k, 0] + half, tolerance, 0)
+        if roots[2 * k + 1] > 0.0:
+            half = 0.5 * roots[2 * k + 1]
+            bound += octic_around(stack, roots[2 * k] - half, roots[2 * k] + half, tolerance, 0)
     return count, bound if depth == 0 else 99

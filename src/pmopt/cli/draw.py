@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pmopt.analysis.kinematics import inverse_kinematics
+from pmopt.analysis.kinematics import inverse_kinematics, reached
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
@@ -42,6 +42,7 @@ def draw_command(
     mode = mechanism.check_mode(working_mode, "--working-mode")
     given = options.parse_coordinates(pose, "--pose") if pose else mechanism.home(parameters)
     found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
+    reached(mechanism, found, "--pose")
     picture = draw_mechanism(mechanism, parameters, found.pose, mode)
     try:
         write_atomic(out, picture)

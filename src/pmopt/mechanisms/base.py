@@ -447,7 +447,13 @@ class Mechanism(ABC):
 
     def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
         """Return whether a pose keeps the limits that are design parameters."""
-        return True
+        return all(
+            low <= pose[name] <= high for name, (low, high) in self.pose_limits(parameters).items()
+        )
+
+    def pose_limits(self, parameters: Parameters) -> Ranges:
+        """Return the limits of pose coordinates that are design parameters."""
+        return {}
 
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
         """Say why the mechanism can not be assembled with these joint positions."""

@@ -678,7 +678,8 @@ class Cur(Mechanism):
             out = rotation @ [cos_k, sin_k, 0.0]
             w = length * (turns[2 * k] * out + turns[2 * k + 1] * rotation[:, 2])
             links.append(_Link(rb * out, rotation @ [-sin_k, cos_k, 0.0], w, sign * float(w[2])))
-        return links, (length * (c * px - s * py), length * (s * px + c * py), alpha), gap
+        x, y = length * (c * px - s * py), length * (s * px + c * py)
+        return links, (float(x), float(y), alpha), float(gap)
 
     def _passive(
         self,

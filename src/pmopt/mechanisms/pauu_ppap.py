@@ -465,10 +465,10 @@ class PauuPpap(Mechanism):
         """Return the units of J_X's and J_q's rows."""
         return {"J_X": "rows in m; m; 1", "J_q": "diagonal in m^2/rad; m^2/rad; 1"}
 
-    def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
-        """Return whether z <= h."""
+    def pose_limits(self, parameters: Parameters) -> Ranges:
+        """Return z <= h."""
         top = parameters.get("h")
-        return top is None or pose["z"] <= top
+        return {} if top is None else {"z": (-math.inf, top)}
 
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
         """Compare what the links have to span with their length."""

@@ -35,7 +35,7 @@ def bernstein() -> tuple[float, ...]:
 
     The largest sum of a row's sizes follows. Computed exactly, then rounded.
     """
-    rows = []
+    rows: list[list[Fraction]] = []
     for node in nodes():
         x = (1 + Fraction(node)) / 2
         row = [math.comb(8, i) * x**i * (1 - x) ** (8 - i) for i in range(9)]

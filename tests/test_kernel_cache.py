@@ -118,8 +118,10 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.mechanisms import find, names
 from pmopt.numerics import cells
+from pmopt.numerics.assembly import load
 for name in names():
     mechanism = find(name)
+    print(name, "assembly", load(mechanism.assembler).folder.name)
     for sampler in ("r-sequence", *(["lines"] if mechanism.line else [])):
         settings = WorkspaceSettings(
             sampler=sampler, link_diameter=0.1, cone_angle=1.0 if mechanism.cones else None)
@@ -136,8 +138,10 @@ EDITS = {
     "numerics/strokes.py": ("<", ">"),
     "numerics/compiled.py": ("opt=3", "opt=2"),
     "numerics/cells.py": ("range(", "range(0 + "),
+    "numerics/octics.py": ("60", "61"),
+    "numerics/assembly.py": ("0.0", "0.125"),
     **{f"mechanisms/{p.name}": ("1.0", "1.5") for p in (SOURCE / "mechanisms").glob("*_*.py")
-       if "MECHANISM =" in p.read_text(encoding="utf-8")},
+       if "MECHANISM =" in p.read_text(encoding="utf-8") or "_forward" in p.name},
     "mechanisms/cur.py": ("1.0", "1.5"),
 }  # fmt: skip
 

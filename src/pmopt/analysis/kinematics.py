@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,6 +24,8 @@ from pmopt.mechanisms.base import (
     within,
     wrap_angle,
 )
+from pmopt.numerics.assembly import load
+from pmopt.numerics.compiled import Compiled
 from pmopt.units import ONE, unit_of
 
 #: A pose nearer than this to a singularity (distance over the size of the mechanism, or
@@ -423,6 +425,27 @@ def forward_kinematics(
     if isinstance(found, InputError):
         raise found
     return found
+
+
+@dataclass(frozen=True)
+class Assembling:
+    """The compiled forward kinematics of a mechanism, for those who compile ahead."""
+
+    mechanism: Mechanism
+
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """What is compiled, with the entries that are called."""
+        found = self.mechanism.assembler
+        return {} if found is None else {load(found): ("assemble_all",)}
+
+    def say(self, notify: Callable[[str], None]) -> None:
+        """Have a line said where it still has to be compiled."""
+        name = self.mechanism.name
+        for compiled in self.kernels:
+            compiled.on_compile = lambda: notify(
+                f"compiling the forward kinematics of {name}, once: some seconds"
+            )
 
 
 def forward_many(

@@ -11,7 +11,7 @@ from pmopt.analysis import kinematics
 from pmopt.analysis.kinematics import ForwardResult, InverseResult
 from pmopt.analysis.rows import read_rows
 from pmopt.cli import options
-from pmopt.cli.output import emit
+from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting import tables
@@ -115,6 +115,7 @@ def fk_command(
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
     goal = options.parse_coordinates(near, "--near") if near else None
+    kinematics.Assembling(mechanism).say(notifier(quiet))
     given = options.design_parameters(mechanism, params)
 
     if joints_file is None:

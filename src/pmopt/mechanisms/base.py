@@ -394,13 +394,16 @@ class Mechanism(ABC):
         """Return the assembly modes of many sets of joint positions, each as if alone."""
         if self.assembler is None:
             return [Assemblies(self.forward(parameters, joints)) for joints in rows]
-        # Takes numba's loader with it, which what draws or lists does without.
         from pmopt.numerics.assembly import assemble_rows
+        from pmopt.threads import default_threads, ordered_map
 
         table = np.array([[joints[c.name] for c in self.joints] for joints in rows], dtype=float)
         constants = np.array(self.assembly_constants(parameters), dtype=float)
         found, counts = assemble_rows(
-            self.assembler, table.reshape(len(rows), len(self.joints)), constants
+            self.assembler,
+            table.reshape(len(rows), len(self.joints)),
+            constants,
+            lambda solve, starts: ordered_map(solve, starts, default_threads()),
         )
         names = [c.name for c in self.pose]
         others = [c.name for c in self.parasitic]

@@ -9,8 +9,8 @@ positions. Multiplications and additions are not contracted: every processor giv
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,32 +121,30 @@ def load(assembler: Assembler) -> Compiled:
 
 
 def assemble_rows(
-    assembler: Assembler, joints: Array, constants: Array, threads: int | None = None
+    assembler: Assembler,
+    joints: Array,
+    constants: Array,
+    spread: Callable[[Callable[[int], None], range], Iterable[None]] = map,
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return what :func:`assemble_all` finds and counts, on any number of threads alike.
+    """Return what :func:`assemble_all` finds and counts.
 
     Parameters
     ----------
     assembler : Assembler
     joints : (N, n) float64
     constants : (c,) float64
-    threads : int, optional
-        Default: :func:`pmopt.threads.default_threads`.
+    spread : callable
+        Like ``map``, and may call on several threads at once: results do not depend on it.
     """
-    from pmopt.threads import default_threads, ordered_map
-
     compiled = load(assembler)
+    solve = compiled.assemble_all  # compiled here, before threads ask for it
     found = np.zeros((len(joints), assembler.modes, assembler.columns))
     counts = np.zeros((len(joints), 2), dtype=np.int64)
 
-    def solve(start: int) -> None:
+    def one(start: int) -> None:
         rows = slice(start, start + CHUNK)
-        compiled.assemble_all(
-            joints[rows], constants, found[rows], counts[rows], np.zeros(assembler.work)
-        )
+        solve(joints[rows], constants, found[rows], counts[rows], np.zeros(assembler.work))
 
-    call: Any = compiled.assemble_all  # compiled once, before threads ask for it
-    del call
-    for _ in ordered_map(solve, range(0, len(joints), CHUNK), threads or default_threads()):
+    for _ in spread(one, range(0, len(joints), CHUNK)):
         pass
     return found, counts

@@ -219,13 +219,21 @@ def cur_follow(c1, s1, b3, goal):  # type: ignore[no-untyped-def]
     return g, p, n, n - g * g
 
 
-def cur_polynomial(c1, w):  # type: ignore[no-untyped-def]
-    """Return the polynomial of degree 8 at cos theta_1, and the size of its terms."""
+def cur_order(first):  # type: ignore[no-untyped-def]
+    """Return the other two limbs, and the equations of the first with each and of both."""
+    if first == 0:
+        return 1, 2, 0, 1, 2
+    return (0, 2, 0, 2, 1) if first == 1 else (0, 1, 1, 2, 0)
+
+
+def cur_polynomial(c1, first, w):  # type: ignore[no-untyped-def]
+    """Return the polynomial of degree 8 at a limb's cos theta, and the size of its terms."""
     b3 = 3.0 * w[cur_GOALS + 3]
     square = 1.0 - c1 * c1
-    g2, p, n, h2 = cur_follow(c1, square, b3, w[cur_GOALS])
-    g3, _, _, h3 = cur_follow(c1, square, b3, w[cur_GOALS + 1])
-    goal = w[cur_GOALS + 2]
+    _, _, one, two, both = cur_order(first)
+    g2, p, n, h2 = cur_follow(c1, square, b3, w[cur_GOALS + one])
+    g3, _, _, h3 = cur_follow(c1, square, b3, w[cur_GOALS + two])
+    goal = w[cur_GOALS + both]
     # With q = -2 s1, c = (g p - q h) / n and s = (g q + p h) / n the third equation is
     # A + B q h2 + C q h3 + D h2 h3, once times n^2; q^2 = 4 s1^2.
     q2 = 4.0 * square
@@ -244,29 +252,30 @@ def cur_polynomial(c1, w):  # type: ignore[no-untyped-def]
     return total / n4, size * size / n4
 
 
-def cur_starts(w, count, c1):  # type: ignore[no-untyped-def]
-    """Seek solutions from the four pairs of theta_2 and theta_3 at a cos theta_1."""
+def cur_starts(w, count, c1, first):  # type: ignore[no-untyped-def]
+    """Seek solutions from the four pairs of the other theta at a limb's cos theta."""
     c1 = 1.0 if c1 > 1.0 else (-1.0 if c1 < -1.0 else c1)
     s1 = math.sqrt((1.0 - c1) * (1.0 + c1))
     b3 = 3.0 * w[cur_GOALS + 3]
-    g2, p, n, h2 = cur_follow(c1, s1 * s1, b3, w[cur_GOALS])
-    g3, _, _, h3 = cur_follow(c1, s1 * s1, b3, w[cur_GOALS + 1])
+    j, k, one, two, both = cur_order(first)
+    g2, p, n, h2 = cur_follow(c1, s1 * s1, b3, w[cur_GOALS + one])
+    g3, _, _, h3 = cur_follow(c1, s1 * s1, b3, w[cur_GOALS + two])
     h2 = math.sqrt(h2 if h2 > 0.0 else 0.0)
     h3 = math.sqrt(h3 if h3 > 0.0 else 0.0)
     q = -2.0 * s1
     unit = 1.0 / (n + TINY)
-    for k in range(4):
-        r2 = h2 if k < 2 else -h2
-        r3 = h3 if k % 2 == 0 else -h3
+    for pair in range(4):
+        r2 = h2 if pair < 2 else -h2
+        r3 = h3 if pair % 2 == 0 else -h3
         c2 = (g2 * p - q * r2) * unit
         s2 = (g2 * q + p * r2) * unit
         c3 = (g3 * p - q * r3) * unit
         s3 = (g3 * q + p * r3) * unit
-        miss = c2 * c3 - 2.0 * s2 * s3 - b3 * (c2 + c3) + w[cur_GOALS + 2]
+        miss = c2 * c3 - 2.0 * s2 * s3 - b3 * (c2 + c3) + w[cur_GOALS + both]
         if abs(miss) <= cur_NEAR * w[cur_GOALS + 4]:
-            w[cur_STATE] = math.atan2(s1, c1)
-            w[cur_STATE + 1] = math.atan2(s2, c2)
-            w[cur_STATE + 2] = math.atan2(s3, c3)
+            w[cur_STATE + first] = math.atan2(s1, c1)
+            w[cur_STATE + j] = math.atan2(s2, c2)
+            w[cur_STATE + k] = math.atan2(s3, c3)
             count = cur_keep(w, count)
     return count
 
@@ -339,6 +348,36 @@ def cur_place(w, ra, rb, length, rise, home, side, out):  # type: ignore[no-unty
     out[7] = gap * gap + rb * rb * (alpha * alpha + beta * beta + gamma * gamma)
 
 
+def cur_search(constants, w, count, first):  # type: ignore[no-untyped-def]
+    """Seek solutions by a limb's cos theta; return how many are kept, and can be at most."""
+    values = w[cur_VALUES : cur_VALUES + 9]
+    roots = w[cur_ROOTS : cur_ROOTS + 2 * octic_MOST]
+    stack = w[cur_STACK : cur_STACK + 11 * octic_DEPTH]
+    error = 0.0
+    largest = 0.0
+    for m in range(9):
+        value, terms = cur_polynomial(cur_WIDE * constants[5 + m], first, w)
+        values[m] = value
+        largest = abs(value) if abs(value) > largest else largest
+        error = terms if terms > error else error
+    error *= 64.0 * EPS
+    if not largest > error:
+        # The equations say nothing about theta: as far as Newton's method finds modes.
+        for m in range(9):
+            count = cur_starts(w, count, constants[5 + m], first)
+        return count, 99
+    some, bound = octic_roots(values, error, constants[14:96], stack, roots)
+    for m in range(some):
+        if roots[2 * m + 1] == 0.0 and abs(cur_WIDE * roots[2 * m]) > cur_COSINE:
+            bound -= 1
+            continue
+        around = 3 if roots[2 * m + 1] > 0.0 else 1
+        for side in range(around):
+            shift = roots[2 * m + 1] if side == 1 else (-roots[2 * m + 1] if side == 2 else 0.0)
+            count = cur_starts(w, count, cur_WIDE * (roots[2 * m] + shift), first)
+    return count, bound
+
+
 def cur_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
     """Write the assembly modes, a row each; return how many and whether they are all.
 
@@ -373,39 +412,19 @@ def cur_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
     w[cur_GOALS + 4] = widest
     if not size <= widest:
         return 0, True
-    values = w[cur_VALUES : cur_VALUES + 9]
-    roots = w[cur_ROOTS : cur_ROOTS + 2 * octic_MOST]
-    stack = w[cur_STACK : cur_STACK + 11 * octic_DEPTH]
-    matrix = constants[14:96]
-    error = 0.0
-    largest = 0.0
-    for m in range(9):
-        value, terms = cur_polynomial(cur_WIDE * constants[5 + m], w)
-        values[m] = value
-        largest = abs(value) if abs(value) > largest else largest
-        error = terms if terms > error else error
-    error *= 64.0 * EPS
     count = 0
     bound = 99
-    if largest > error:
-        some, bound = octic_roots(values, error, matrix, stack, roots)
-        for m in range(some):
-            if roots[2 * m + 1] == 0.0 and abs(cur_WIDE * roots[2 * m]) > cur_COSINE:
-                bound -= 1
-                continue
-            around = 3 if roots[2 * m + 1] > 0.0 else 1
-            for side in range(around):
-                shift = roots[2 * m + 1] if side == 1 else (-roots[2 * m + 1] if side == 2 else 0.0)
-                count = cur_starts(w, count, cur_WIDE * (roots[2 * m] + shift))
-    else:
-        # The equations say nothing about theta_1: as far as Newton's method finds modes.
-        for m in range(9):
-            count = cur_starts(w, count, constants[5 + m])
-    m = 0
-    while m < count:
-        if cur_twin(w, m):
-            count = cur_keep(w, count)
-        m += 1
+    # Near cos theta = 3 b = 1 the other theta hardly follow from this one: another limb's, then.
+    for first in range(3):
+        count, most = cur_search(constants, w, count, first)
+        bound = most if most < bound else bound
+        m = 0
+        while m < count:
+            if cur_twin(w, m):
+                count = cur_keep(w, count)
+            m += 1
+        if bound <= count:
+            break
     rise = middle + constants[3]
     for i in range(3):
         k = cur_POINTS + 9 + 3 * i

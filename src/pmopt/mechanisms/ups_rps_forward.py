@@ -114,6 +114,12 @@ def rps_square(value):  # type: ignore[no-untyped-def]
     return value.real * value.real + value.imag * value.imag
 
 
+def rps_reciprocal(value):  # type: ignore[no-untyped-def]
+    """Return 1 / value, 0 of 0: numba's own division raises there, which kernels may not."""
+    unit = 1.0 / (value.real * value.real + value.imag * value.imag + TINY)
+    return complex(unit * value.real, -unit * value.imag)
+
+
 def rps_coefficients(w, k):  # type: ignore[no-untyped-def]
     """Put the 13 coefficients for the dimensions and lengths in NOW in place at k."""
     big, h = rps_at(w, rps_NOW), rps_at(w, rps_NOW + 2)
@@ -128,13 +134,13 @@ def rps_coefficients(w, k):  # type: ignore[no-untyped-def]
     t1 = (1.0 - rps_C1) / rps_S1
     t2 = (1.0 - rps_C2) / rps_S2
     a1 = 0.5 * (t2 - t1)
-    a0 = (d34 - d25) / (8.0 * h)
+    a0 = 0.125 * (d34 - d25) * rps_reciprocal(h)
     # V and P_y from the differences of the sums of limbs 2, 5 and 3, 4 and of limb 1.
     e11 = -2.0 * (rps_C1 - rps_C2)
     e12 = -4.0 * h
     e21 = -2.0 * (1.0 - rps_C1)
     e22 = 2.0 * h - 2.0 * big
-    unit = 1.0 / (e11 * e22 - e12 * e21)
+    unit = rps_reciprocal(e11 * e22 - e12 * e21)
     f0, f1, f2 = m25 - m34, -2.0 * h * (rps_C1 + rps_C2), 2.0 * h * (rps_S1 - rps_S2)
     g0, g1, g2 = m1 - m25, 2.0 * h * rps_C1 - 2.0 * big, -2.0 * h * rps_S1
     v0, v1, v2 = (e22 * f0 - e12 * g0), (e22 * f1 - e12 * g1), (e22 * f2 - e12 * g2)
@@ -264,7 +270,7 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
         ajj, ajk, ajl, akk, akl, al = n33a, n13a, n23a, n11a, n12a, n22a
         bjj, bjk, bjl, bkk, bkl, bl = n33b, n13b, n23b, n11b, n12b, zero
         cjj, cjk, cjl, ckk, ckl, cl = zero, n13c, n23c, n11c, n12c, n22c
-    unit = 1.0 / xj
+    unit = rps_reciprocal(xj)
     rk = xk * unit
     rl = xl * unit
     f1, f2, f3 = rps_across(fjj, fjk, fjl, fkk, fkl, fll, rk, rl)
@@ -275,7 +281,7 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
     m1 = q2 * s3 - q3 * s2
     m2 = q3 * s1 - q1 * s3
     m3 = q1 * s2 - q2 * s1
-    scale = 1.0 / (p1 * m1 + p2 * m2 + p3 * m3)
+    scale = rps_reciprocal(p1 * m1 + p2 * m2 + p3 * m3)
     da = (f1 * m1 + f2 * m2 + f3 * m3) * scale
     m1 = f2 * s3 - f3 * s2
     m2 = f3 * s1 - f1 * s3

@@ -157,7 +157,8 @@ def test_a_pose_near_a_singularity_comes_back_and_its_twin_is_another(name, inde
         (found,) = mechanism.assemblies(params, [s.joints])
         gaps = sorted(apart(mechanism, size, asked, f) for f in found.solutions)
         assert gaps[0] < max(1e-8, 1e-14 / index)
-        if index < 1e-3:
+        # Of 2uu-upu the twin may lie behind theta1's axis.
+        if index < 1e-3 and (name != "2uu-upu" or len(gaps) > 1):
             # The twin is as far as the singularity is near: not the same, and not missing.
             assert 1e-3 * index < gaps[1] < 3e4 * index
         near = forward_kinematics(mechanism, params, s.joints, near=pose).solutions
@@ -239,10 +240,12 @@ def test_kept_machine_code_runs_in_another_process(name, tmp_path):
 
 def test_joint_positions_that_leave_the_platform_free():
     """P3 in B2 with a link as long as the platform's side: they turn about it together."""
-    params = {"bs": 0.35, "ps": 0.25, "L": 0.25}
-    swing = {"theta1": 0.3, "phi": 0.2, "delta3": math.asin(0.5)}
+    params = {"bs": 0.25, "ps": 0.25, "L": 0.25}
+    flat = {"theta1": 0.3, "phi": 0.2, "delta3": math.pi / 2}
     with pytest.raises(InputError, match="free to move"):
-        api.fk("2uu-upu", swing, {**params, "bs": 0.125})
+        api.fk("2uu-upu", flat, params)
+    with pytest.raises(UnreachableError):
+        api.fk("2uu-upu", flat, {**params, "ps": 0.26})
     other = api.fk("2uu-upu", {"theta1": 0.3, "phi": 0.2, "delta3": 0.1}, params)
     assert other.complete == "proven"
 
@@ -367,7 +370,7 @@ def newton(mechanism, params, pose, wanted, size):
 
 
 def test_dimensions_at_which_a_coefficient_is_lost():
-    """R1 = sqrt 5 R / sqrt 2: P_y does not follow from the lengths linearly."""
+    """R1 = sqrt 5 R / sqrt 2: P_y does not follow from q_y and p_z."""
     params = RPS.resolve({"R": 500.0, "R1": math.sqrt(2.5) * 500.0})
     pose = {"x": 850.0, "y": 40.0, "alpha": 0.1, "beta": -0.05, "gamma": 1.4}
     found = RPS.forward(params, RPS.inverse(params, pose)[0].joints)

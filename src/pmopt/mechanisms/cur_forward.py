@@ -75,7 +75,9 @@ def cur_equations(w):  # type: ignore[no-untyped-def]
     w[k + 6], w[k + 7], w[k + 8] = a13, 0.0, b13
     w[k + 9], w[k + 10], w[k + 11] = 0.0, a23, b23
     worst = abs(f12) if abs(f12) > abs(f13) else abs(f13)
-    return worst if worst > abs(f23) else abs(f23)
+    worst = worst if worst > abs(f23) else abs(f23)
+    # Not a number if any is not.
+    return worst + 0.0 * (abs(f12) + abs(f13) + abs(f23))
 
 
 def cur_inverse(w):  # type: ignore[no-untyped-def]

@@ -2,16 +2,16 @@
 
 Lengths are over r. With p = Rot y and q = Rot z, S_k = sin s_k p - cos s_k q and P_z = q_z, so that
 the five lengths are linear in W = |P|^2, U = P.p, V = P.q, P_y, p_y, p_z, q_y and q_z. With
-a = q_z, b = q_y and c = p_z they give::
+a = q_z, y = P_y and c = p_z they give::
 
     p_y = A0 + A1 a        U = B0 + B1 a
-    V = V0 + V1 b + V2 c   P_y = Y0 + Y1 b + Y2 c   W = W0 + W1 b + W2 c
+    V = V0 + V1 y + V2 c   q_y = Q0 + Q1 y + Q2 c   W = W0 + W1 y + W2 c
 
 What is left of the products of P, p and q once y and z are taken out is that of their x::
 
-    (P_x, p_x, q_x)^T (P_x, p_x, q_x) = N(a, b, c)
+    (P_x, p_x, q_x)^T (P_x, p_x, q_x) = N(a, y, c)
 
-Six quadratic equations in a, b, c and three x, of which -x is a solution with x: the mirror image
+Six quadratic equations in a, y, c and three x, of which -x is a solution with x: the mirror image
 at the base. For general complex dimensions and lengths they have 18 pairs of solutions, found once
 for :data:`DIMENSIONS` and kept in :data:`STARTS`. Those are followed to the given dimensions
 and from there, for each set of lengths, to the given lengths (parameter homotopy; Sommese and
@@ -42,44 +42,44 @@ rps_MODES = 36
 rps_KEPT = 9
 #: Complex R1 and R / sqrt 2, and squares of l1 to l5, all over r.
 DIMENSIONS = (3.5, 0.6, 2.3, -0.5, 26.0, 9.0, 24.0, -11.0, 27.0, 6.0, 22.0, 12.0, 29.0, -8.0)
-#: Solutions there, a row each: a, b, c, p_x, q_x, P_x, real and imaginary parts. Newton's method
+#: Solutions there, a row each: a, y, c, p_x, q_x, P_x, real and imaginary parts. Newton's method
 #: from 12,000 random starts finds these and no others.
 STARTS = (
-    -5.314229, 3.371454, -4.127976, -1.285650, -0.233130, 7.781449,
+    -5.314229, 3.371454, 3.418891, 1.363722, -0.233130, 7.781449,
     7.408292, 3.007255, 2.109998, 5.976094, 5.956484, 4.989861,
-    -3.271051, 2.613806, -3.735432, -0.159009, -1.542062, 6.368319,
+    -3.271051, 2.613806, 4.829160, 2.152296, -1.542062, 6.368319,
     6.753137, 2.747403, 1.780505, 4.468351, 4.253788, 2.783521,
-    -3.123774, -0.716357, 0.989690, 1.767451, 2.657567, -0.550529,
+    -3.123774, -0.716357, -5.288105, -1.368032, 2.657567, -0.550529,
     -0.432710, 3.622600, 1.403468, -2.840797, -2.417396, 5.540758,
-    -2.573917, -0.480846, 0.928128, 4.775667, 1.622661, -1.130688,
+    -2.573917, -0.480846, -0.890185, -2.570563, 1.622661, -1.130688,
     0.047166, 2.176296, 4.278763, -1.325169, -4.605170, 2.925260,
-    -0.973238, -0.657912, -0.403628, 0.406386, -0.268402, 1.542638,
+    -0.973238, -0.657912, -1.624230, 1.380068, -0.268402, 1.542638,
     2.038329, 0.034013, -0.882644, 0.539602, -3.794983, -1.611249,
-    -0.972070, 0.530125, -0.150672, 5.634971, 0.890430, 0.002507,
+    -0.972070, 0.530125, 2.519405, -2.568634, 0.890430, 0.002507,
     -0.564382, -0.251003, -5.667826, -0.240718, 4.475705, -0.517379,
-    -0.828333, 0.481654, -1.459437, -0.361470, 1.133487, 0.014545,
+    -0.828333, 0.481654, -4.041012, 3.890513, 1.133487, 0.014545,
     -0.105668, -0.449183, -0.106235, 1.210258, -5.389357, -3.845428,
-    -0.806210, 1.506501, 1.356830, 0.523299, -3.049555, 1.570431,
+    -0.806210, 1.506501, -0.248342, 0.886132, -3.049555, 1.570431,
     -1.897637, -2.650266, -1.120365, -0.450324, -2.933086, -2.264845,
-    -0.460737, 0.212608, -1.363217, 0.033552, -0.945196, 0.039643,
+    -0.460737, 0.212608, -1.610251, 4.770720, -0.945196, 0.039643,
     0.242892, 0.113590, 0.140629, 1.021806, -6.125565, -2.170261,
-    -0.274542, 0.179417, 0.315990, 1.443934, -0.919895, 0.062210,
+    -0.274542, 0.179417, -1.275593, 1.474803, -0.919895, 0.062210,
     -0.182841, -0.312585, 1.731237, -0.235098, 3.078268, 0.954352,
-    -0.244746, 0.092396, -0.715451, 1.629921, 1.024331, 0.081630,
+    -0.244746, 0.092396, -2.046968, 1.312254, 1.024331, 0.081630,
     0.059084, -0.540205, 1.870147, 0.635641, 3.740924, 0.671068,
-    -0.128923, 0.673044, 0.804532, 3.977524, -0.953514, 0.135026,
+    -0.128923, 0.673044, 1.534178, -1.294626, -0.953514, 0.135026,
     0.511226, -0.477419, 4.144171, -0.751242, -3.292967, 0.831079,
-    0.362630, -1.004380, 1.117632, 0.526793, -2.595634, 1.353441,
+    0.362630, -1.004380, -0.623480, 1.093259, -2.595634, 1.353441,
     -1.939379, -2.686866, 0.978928, -0.229375, 2.889959, 2.033405,
-    0.396141, 0.909645, -0.261352, 0.416592, -0.275103, 1.814342,
+    0.396141, 0.909645, -1.547033, 0.937551, -0.275103, 1.814342,
     1.861383, -0.312832, 1.345621, -0.186881, 3.786094, 1.502027,
-    2.793104, 0.028573, 1.517928, 4.761851, 1.139488, -2.404215,
+    2.793104, 0.028573, -1.762953, -1.746191, 1.139488, -2.404215,
     0.995169, 3.478774, -4.093594, 1.785217, 3.752585, -3.784219,
-    2.849522, -2.139763, -3.535046, -0.696604, -1.561406, 6.715660,
+    2.849522, -2.139763, 4.240803, 2.030574, -1.561406, 6.715660,
     6.676067, 3.262752, -0.925931, -3.925536, -4.637413, -2.687353,
-    3.208450, 0.654862, 1.716411, 3.051566, 2.183544, -1.780798,
+    3.208450, 0.654862, -4.648353, -1.844933, 2.183544, -1.780798,
     -0.290057, -4.605756, 2.488938, -2.948581, -3.277374, 5.674204,
-    4.785084, -2.976554, -3.853906, -1.696776, -0.205727, 8.021399,
+    4.785084, -2.976554, 2.810602, 1.118291, -0.205727, 8.021399,
     7.117550, 3.577683, -1.477330, -5.214710, -6.080550, -4.669527,
 )  # fmt: skip
 
@@ -135,18 +135,17 @@ def rps_coefficients(w, k):  # type: ignore[no-untyped-def]
     t2 = (1.0 - rps_C2) / rps_S2
     a1 = 0.5 * (t2 - t1)
     a0 = 0.125 * (d34 - d25) * rps_reciprocal(h)
-    # V and P_y from the differences of the sums of limbs 2, 5 and 3, 4 and of limb 1.
+    # q_y from the differences of the sums of limbs 2, 5 and 3, 4 and of limb 1, V taken out.
     e11 = -2.0 * (rps_C1 - rps_C2)
-    e12 = -4.0 * h
     e21 = -2.0 * (1.0 - rps_C1)
-    e22 = 2.0 * h - 2.0 * big
-    unit = rps_reciprocal(e11 * e22 - e12 * e21)
-    f0, f1, f2 = m25 - m34, -2.0 * h * (rps_C1 + rps_C2), 2.0 * h * (rps_S1 - rps_S2)
-    g0, g1, g2 = m1 - m25, 2.0 * h * rps_C1 - 2.0 * big, -2.0 * h * rps_S1
-    v0, v1, v2 = (e22 * f0 - e12 * g0), (e22 * f1 - e12 * g1), (e22 * f2 - e12 * g2)
-    y0, y1, y2 = (e11 * g0 - e21 * f0), (e11 * g1 - e21 * f1), (e11 * g2 - e21 * f2)
-    v0, v1, v2 = v0 * unit, v1 * unit, v2 * unit
-    y0, y1, y2 = y0 * unit, y1 * unit, y2 * unit
+    unit = rps_reciprocal(2.0 * e11 * big)
+    q0 = unit * (e11 * (m1 - m25) - e21 * (m25 - m34))
+    q1 = unit * (e11 * (2.0 * big - 2.0 * h) - e21 * (4.0 * h))
+    q2 = unit * (-2.0 * h) * (e11 * rps_S1 + e21 * (rps_S1 - rps_S2))
+    f1, f2 = -2.0 * h * (rps_C1 + rps_C2), 2.0 * h * (rps_S1 - rps_S2)
+    v0 = (m25 - m34 + f1 * q0) / e11
+    v1 = (f1 * q1 + 4.0 * h) / e11
+    v2 = (f1 * q2 + f2) / e11
     rps_put(w, k, a0)
     rps_put(w, k + 2, a1 + 0.0j)
     rps_put(w, k + 4, h * a0 + 0.25 * d25)
@@ -154,12 +153,12 @@ def rps_coefficients(w, k):  # type: ignore[no-untyped-def]
     rps_put(w, k + 8, v0)
     rps_put(w, k + 10, v1)
     rps_put(w, k + 12, v2)
-    rps_put(w, k + 14, y0)
-    rps_put(w, k + 16, y1)
-    rps_put(w, k + 18, y2)
-    rps_put(w, k + 20, m1 + 2.0 * v0 + 2.0 * big * y0)
-    rps_put(w, k + 22, 2.0 * v1 + 2.0 * big * y1 - 2.0 * big)
-    rps_put(w, k + 24, 2.0 * v2 + 2.0 * big * y2)
+    rps_put(w, k + 14, q0)
+    rps_put(w, k + 16, q1)
+    rps_put(w, k + 18, q2)
+    rps_put(w, k + 20, m1 + 2.0 * v0 - 2.0 * big * q0)
+    rps_put(w, k + 22, 2.0 * v1 + 2.0 * big - 2.0 * big * q1)
+    rps_put(w, k + 24, 2.0 * v2 - 2.0 * big * q2)
 
 
 def rps_mix(w, t):  # type: ignore[no-untyped-def]
@@ -207,47 +206,47 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
 
     Put it into ``out``; return the squares of its size and of the state's.
     """
-    a, b, c = rps_at(w, at), rps_at(w, at + 2), rps_at(w, at + 4)
+    a, y, c = rps_at(w, at), rps_at(w, at + 2), rps_at(w, at + 4)
     px, qx, x = rps_at(w, at + 6), rps_at(w, at + 8), rps_at(w, at + 10)
     k = rps_COEFFICIENTS
     a1, b1 = rps_at(w, k + 2), rps_at(w, k + 6)
     v1, v2 = rps_at(w, k + 10), rps_at(w, k + 12)
-    y1, y2 = rps_at(w, k + 16), rps_at(w, k + 18)
+    q1, q2 = rps_at(w, k + 16), rps_at(w, k + 18)
     w1, w2 = rps_at(w, k + 22), rps_at(w, k + 24)
     py = rps_at(w, k) + a1 * a
-    y = rps_at(w, k + 14) + y1 * b + y2 * c
-    # Miss of x x^T = N, or minus its rate with the coefficients; rows P, p, q.
+    qy = rps_at(w, k + 14) + q1 * y + q2 * c
+    # Miss of x x^T = N, or minus N's rate with the coefficients; rows P, p, q.
     if moving:
         k = rps_RATES
         py_t = rps_at(w, k) + rps_at(w, k + 2) * a
-        y_t = rps_at(w, k + 14) + rps_at(w, k + 16) * b + rps_at(w, k + 18) * c
-        w_t = rps_at(w, k + 20) + rps_at(w, k + 22) * b + rps_at(w, k + 24) * c
-        v_t = rps_at(w, k + 8) + rps_at(w, k + 10) * b + rps_at(w, k + 12) * c
+        qy_t = rps_at(w, k + 14) + rps_at(w, k + 16) * y + rps_at(w, k + 18) * c
+        w_t = rps_at(w, k + 20) + rps_at(w, k + 22) * y + rps_at(w, k + 24) * c
+        v_t = rps_at(w, k + 8) + rps_at(w, k + 10) * y + rps_at(w, k + 12) * c
         u_t = rps_at(w, k + 4) + rps_at(w, k + 6) * a
-        e11 = 2.0 * y * y_t - w_t
-        e12 = y_t * py + y * py_t - u_t
-        e13 = y_t * b - v_t
+        e11 = -w_t
+        e12 = y * py_t - u_t
+        e13 = y * qy_t - v_t
         e22 = 2.0 * py * py_t
-        e23 = py_t * b
-        e33 = 0.0 * b
+        e23 = py_t * qy + py * qy_t
+        e33 = 2.0 * qy * qy_t
     else:
         big_u = rps_at(w, k + 4) + b1 * a
-        big_v = rps_at(w, k + 8) + v1 * b + v2 * c
-        big_w = rps_at(w, k + 20) + w1 * b + w2 * c
+        big_v = rps_at(w, k + 8) + v1 * y + v2 * c
+        big_w = rps_at(w, k + 20) + w1 * y + w2 * c
         e11 = x * x + y * y + a * a - big_w
         e12 = x * px + y * py + a * c - big_u
-        e13 = x * qx + y * b + a * a - big_v
+        e13 = x * qx + y * qy + a * a - big_v
         e22 = px * px + py * py + c * c - 1.0
-        e23 = px * qx + py * b + c * a
-        e33 = qx * qx + b * b + a * a - 1.0
-    # Derivatives of N by a, b, c.
+        e23 = px * qx + py * qy + c * a
+        e33 = qx * qx + qy * qy + a * a - 1.0
+    # Derivatives of N by a, y, c.
     zero = 0.0 * a
-    n11a, n11b, n11c = -2.0 * a, w1 - 2.0 * y * y1, w2 - 2.0 * y * y2
-    n12a, n12b, n12c = b1 - y * a1 - c, -y1 * py, -y2 * py - a
-    n13a, n13b, n13c = -2.0 * a, v1 - y - y1 * b, v2 - y2 * b
+    n11a, n11b, n11c = -2.0 * a, w1 - 2.0 * y, w2
+    n12a, n12b, n12c = b1 - y * a1 - c, -py, -a
+    n13a, n13b, n13c = -2.0 * a, v1 - qy - y * q1, v2 - y * q2
     n22a, n22c = -2.0 * py * a1, -2.0 * c
-    n23a, n23b, n23c = -a1 * b - c, -py, -a
-    n33a, n33b = -2.0 * a, -2.0 * b
+    n23a, n23b, n23c = -a1 * qy - c, -py * q1, -py * q2 - a
+    n33a, n33b, n33c = -2.0 * a, -2.0 * qy * q1, -2.0 * qy * q2
     # Two directions across x take the three x out of the equations; the largest x divides.
     first = rps_square(x)
     second = rps_square(px)
@@ -257,45 +256,45 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
         fjj, fjk, fjl, fkk, fkl, fll = e11, e12, e13, e22, e23, e33
         ajj, ajk, ajl, akk, akl, al = n11a, n12a, n13a, n22a, n23a, n33a
         bjj, bjk, bjl, bkk, bkl, bl = n11b, n12b, n13b, zero, n23b, n33b
-        cjj, cjk, cjl, ckk, ckl, cl = n11c, n12c, n13c, n22c, n23c, zero
+        cjj, cjk, cjl, ckk, ckl, cl = n11c, n12c, n13c, n22c, n23c, n33c
     elif second >= third:
         xj, xk, xl = px, x, qx
         fjj, fjk, fjl, fkk, fkl, fll = e22, e12, e23, e11, e13, e33
         ajj, ajk, ajl, akk, akl, al = n22a, n12a, n23a, n11a, n13a, n33a
         bjj, bjk, bjl, bkk, bkl, bl = zero, n12b, n23b, n11b, n13b, n33b
-        cjj, cjk, cjl, ckk, ckl, cl = n22c, n12c, n23c, n11c, n13c, zero
+        cjj, cjk, cjl, ckk, ckl, cl = n22c, n12c, n23c, n11c, n13c, n33c
     else:
         xj, xk, xl = qx, x, px
         fjj, fjk, fjl, fkk, fkl, fll = e33, e13, e23, e11, e12, e22
         ajj, ajk, ajl, akk, akl, al = n33a, n13a, n23a, n11a, n12a, n22a
         bjj, bjk, bjl, bkk, bkl, bl = n33b, n13b, n23b, n11b, n12b, zero
-        cjj, cjk, cjl, ckk, ckl, cl = zero, n13c, n23c, n11c, n12c, n22c
+        cjj, cjk, cjl, ckk, ckl, cl = n33c, n13c, n23c, n11c, n12c, n22c
     unit = rps_reciprocal(xj)
     rk = xk * unit
     rl = xl * unit
     f1, f2, f3 = rps_across(fjj, fjk, fjl, fkk, fkl, fll, rk, rl)
     p1, p2, p3 = rps_across(ajj, ajk, ajl, akk, akl, al, rk, rl)
-    q1, q2, q3 = rps_across(bjj, bjk, bjl, bkk, bkl, bl, rk, rl)
+    o1, o2, o3 = rps_across(bjj, bjk, bjl, bkk, bkl, bl, rk, rl)
     s1, s2, s3 = rps_across(cjj, cjk, cjl, ckk, ckl, cl, rk, rl)
-    # [p q s] (da, db, dc) = f by Cramer's rule.
-    m1 = q2 * s3 - q3 * s2
-    m2 = q3 * s1 - q1 * s3
-    m3 = q1 * s2 - q2 * s1
+    # [p o s] (da, dy, dc) = f by Cramer's rule.
+    m1 = o2 * s3 - o3 * s2
+    m2 = o3 * s1 - o1 * s3
+    m3 = o1 * s2 - o2 * s1
     scale = rps_reciprocal(p1 * m1 + p2 * m2 + p3 * m3)
     da = (f1 * m1 + f2 * m2 + f3 * m3) * scale
     m1 = f2 * s3 - f3 * s2
     m2 = f3 * s1 - f1 * s3
     m3 = f1 * s2 - f2 * s1
-    db = (p1 * m1 + p2 * m2 + p3 * m3) * scale
-    m1 = q2 * f3 - q3 * f2
-    m2 = q3 * f1 - q1 * f3
-    m3 = q1 * f2 - q2 * f1
+    dy = (p1 * m1 + p2 * m2 + p3 * m3) * scale
+    m1 = o2 * f3 - o3 * f2
+    m2 = o3 * f1 - o1 * f3
+    m3 = o1 * f2 - o2 * f1
     dc = (p1 * m1 + p2 * m2 + p3 * m3) * scale
-    dj = 0.5 * (ajj * da + bjj * db + cjj * dc - fjj) * unit
-    dk = (ajk * da + bjk * db + cjk * dc - fjk - xk * dj) * unit
-    dl = (ajl * da + bjl * db + cjl * dc - fjl - xl * dj) * unit
+    dj = 0.5 * (ajj * da + bjj * dy + cjj * dc - fjj) * unit
+    dk = (ajk * da + bjk * dy + cjk * dc - fjk - xk * dj) * unit
+    dl = (ajl * da + bjl * dy + cjl * dc - fjl - xl * dj) * unit
     rps_put(w, out, da)
-    rps_put(w, out + 2, db)
+    rps_put(w, out + 2, dy)
     rps_put(w, out + 4, dc)
     if first >= second and first >= third:
         dx, dp, dq = dj, dk, dl
@@ -306,9 +305,9 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
     rps_put(w, out + 6, dp)
     rps_put(w, out + 8, dq)
     rps_put(w, out + 10, dx)
-    moved = rps_square(da) + rps_square(db) + rps_square(dc)
+    moved = rps_square(da) + rps_square(dy) + rps_square(dc)
     moved += rps_square(dp) + rps_square(dq) + rps_square(dx)
-    size = rps_square(a) + rps_square(b) + rps_square(c) + first + second + third
+    size = rps_square(a) + rps_square(y) + rps_square(c) + first + second + third
     return moved, size
 
 
@@ -431,6 +430,7 @@ def rps_equations(w, constants, lengths):  # type: ignore[no-untyped-def]
     size = w[rps_NOW]
     r = w[rps_NOW + 1]
     worst = 0.0
+    total = 0.0
     for i in range(5):
         sine, cosine, ty, tz = rps_limb(w, i)
         sx, sy, sz = sine * px - cosine * qx, sine * py - cosine * qy, sine * pz - cosine * qz
@@ -440,6 +440,7 @@ def rps_equations(w, constants, lengths):  # type: ignore[no-untyped-def]
         f = lx * lx + ly * ly + lz * lz - length * length
         w[k + 8 + i] = f
         worst = abs(f) if abs(f) > worst else worst
+        total += abs(f)
         j = k + 13 + 5 * i
         w[j] = 2.0 * lx
         w[j + 1] = 2.0 * ly
@@ -447,7 +448,8 @@ def rps_equations(w, constants, lengths):  # type: ignore[no-untyped-def]
         w[j + 2] = 2.0 * (sy * lz - sz * ly + r * lz * qy)
         w[j + 3] = 2.0 * (sz * lx - sx * lz - r * lz * qx)
         w[j + 4] = 2.0 * (sx * ly - sy * lx)
-    return worst
+    # Not a number if any is not.
+    return worst + 0.0 * total
 
 
 def rps_limb(w, i):  # type: ignore[no-untyped-def]
@@ -690,10 +692,6 @@ def rps_prepare(w, constants):  # type: ignore[no-untyped-def]
     """Follow the known solutions to the mechanism's dimensions and general lengths; once."""
     big = constants[0] / constants[2]
     h = constants[1] / constants[2]
-    # Where P_y does not follow from the lengths (R1 = sqrt 5 h), dimensions next to it do as well.
-    flat = 4.0 * (rps_C1 - rps_C2) * (big - h) - 8.0 * h * (1.0 - rps_C1)
-    if abs(flat) < 1e-6 * (big + h):
-        big *= 1.000002
     for i in range(14):
         w[rps_FROM + i] = constants[8 + i]
         w[rps_TO + i] = 0.0
@@ -765,14 +763,15 @@ def rps_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
         if apart < rps_REAL:
             # Of P, p and q only the directions count.
             w[rps_HERE] = w[end + 10] * small / size
-            y = w[rps_HEAD + 26 + 14]
-            y += w[rps_HEAD + 26 + 16] * w[end + 2] + w[rps_HEAD + 26 + 18] * w[end + 4]
-            w[rps_HERE + 1] = y * small / size
+            w[rps_HERE + 1] = w[end + 2] * small / size
             w[rps_HERE + 2] = w[end + 6]
             w[rps_HERE + 3] = w[rps_HEAD + 26] + w[rps_HEAD + 26 + 2] * w[end]
             w[rps_HERE + 4] = w[end + 4]
             w[rps_HERE + 5] = w[end + 8]
-            w[rps_HERE + 6] = w[end + 2]
+            w[rps_HERE + 6] = w[rps_HEAD + 26 + 14]
+            w[rps_HERE + 6] += (
+                w[rps_HEAD + 26 + 16] * w[end + 2] + w[rps_HEAD + 26 + 18] * w[end + 4]
+            )
             w[rps_HERE + 7] = w[end]
             rps_move(w, rps_HERE, 0.0, 0.0, 0.0, 0.0, 0.0)
             count = rps_keep(w, constants, joints, count)

@@ -58,6 +58,7 @@ def sp_equations(w):  # type: ignore[no-untyped-def]
     """Put the equations at the state and their slopes by turns about the base's axes in place."""
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = sp_turned(w, sp_STATE)
     worst = 0.0
+    total = 0.0
     for i in range(3):
         k = sp_SYSTEM + 7 * i
         sx = r11 * w[k + 3] + r12 * w[k + 4] + r13 * w[k + 5]
@@ -66,11 +67,13 @@ def sp_equations(w):  # type: ignore[no-untyped-def]
         f = w[k] * sx + w[k + 1] * sy + w[k + 2] * sz - w[k + 6]
         w[sp_STATE + 4 + i] = f
         worst = abs(f) if abs(f) > worst else worst
+        total += abs(f)
         j = sp_STATE + 7 + 3 * i
         w[j] = sy * w[k + 2] - sz * w[k + 1]
         w[j + 1] = sz * w[k] - sx * w[k + 2]
         w[j + 2] = sx * w[k + 1] - sy * w[k]
-    return worst
+    # Not a number if any is not.
+    return worst + 0.0 * total
 
 
 def sp_adjugate(w):  # type: ignore[no-untyped-def]

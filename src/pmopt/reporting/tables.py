@@ -142,7 +142,10 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
 def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
     """Return branches, a row each; of ``many`` poses each is numbered and repeated."""
     first = results[0]
-    names = [c for c in first.units if c not in first.pose]  # joints, parasitic coordinates
+    # Joints and parasitic coordinates; what is a pose coordinate too stands once.
+    names = [c for c in first.units if c not in first.pose]
+    if not many and first.solutions:
+        names = [*first.solutions[0].joints, *first.solutions[0].parasitic]
     poses = list(first.pose) if many else []
     columns = (*(["row"] if poses else []), *poses, "working_mode", *names, "within_limits",
                "beyond")  # fmt: skip
@@ -173,6 +176,8 @@ def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table
     """Return assembly modes, a row each; of ``many`` joint positions each is numbered."""
     first = results[0]
     poses = [c for c in first.units if c not in first.joints and c != "residual"]
+    if not many and first.solutions:
+        poses = [*first.solutions[0].pose, *first.solutions[0].parasitic]
     joints = list(first.joints) if many else []
     columns = (*(["row"] if joints else []), *joints, *poses, "residual", "complete")
     rows: list[tuple[Cell, ...]] = []

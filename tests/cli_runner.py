@@ -107,6 +107,7 @@ def csv_rows(text):
     for row in body:
         assert len(row) == len(head)
         for cell in row:
+            assert "np." not in cell, f"{cell} is NumPy's, not a plain number"
             if is_float(cell):
                 assert repr(float(cell)) == cell, f"{cell} is not in shortest form"
     return [dict(zip(head, row, strict=True)) for row in body]

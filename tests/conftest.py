@@ -4,7 +4,7 @@ import pytest
 from hypothesis import settings
 
 from pmopt.mechanisms import find, names
-from pmopt.numerics import specialise
+from pmopt.numerics import assembly, specialise
 
 settings.register_profile("pmopt", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("pmopt")
@@ -27,6 +27,7 @@ def empty_cache(monkeypatch, tmp_path):
     """Point the cache of compiled kernels at an empty folder and forget what is loaded."""
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(specialise, "_loaded", {})
+    monkeypatch.setattr(assembly, "_loaded", {})
     return tmp_path
 
 

@@ -221,7 +221,8 @@ def test_ik_tells_what_is_within_limits(tmp_path, option, inside):
 
 def test_fk_has_two_solutions(tmp_path):
     document = json_answer(*SHORT["fk"], cwd=tmp_path)
-    assert set(document) == {"mechanism", "joints", "solutions", "units"}
+    assert set(document) == {"mechanism", "joints", "solutions", "complete", "units"}
+    assert document["complete"] == "proven"
     assert document["joints"] == {"theta1": 0.4, "theta2": 0.1, "d": 0.2}
     first, second = document["solutions"]
     for solution in (first, second):

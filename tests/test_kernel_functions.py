@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from pmopt.numerics import condition, specialise, sweep
 from pmopt.numerics.clearance import segment_distance2
-from pmopt.numerics.newton import newton, real_roots
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
 angles = st.floats(-20, 20)
@@ -195,20 +194,3 @@ def test_conditioning_of_six(monkeypatch, norm):
     lci = np.empty(len(matrices))
     getattr(condition, f"inverse_conditions_{norm}")(work, len(matrices), lci)
     assert np.abs(lci - exact_indices(matrices, norm)).max() < 1e-12
-
-
-def test_newton_from_many_starts():
-    """Both roots of a circle and a line; a start at a singular slope is given up."""
-
-    def system(x):
-        residual = np.stack([x[:, 0] ** 2 + x[:, 1] ** 2 - 1, x[:, 0] - x[:, 1]], axis=1)
-        slope = np.zeros((len(x), 2, 2))
-        slope[:, 0] = 2 * x
-        slope[:, 1] = (1, -1)
-        return residual, slope
-
-    starts = np.array([[1.0, 0.5], [-1.0, -0.5], [0.9, 0.8], [1.0, -1.0]])
-    assert np.isnan(newton(system, starts)[3]).all()
-    half = math.sqrt(0.5)
-    roots = sorted(real_roots(system, starts, 1e-12).tolist())
-    np.testing.assert_allclose(roots, [[-half, -half], [half, half]], atol=1e-14)

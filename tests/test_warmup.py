@@ -62,7 +62,7 @@ def test_command(tmp_path):
 
     first = warm("2pauu-ppap", "--format", "json")
     assert first.returncode == 0
-    assert '"2pauu-ppap": 7' in first.stdout
+    assert '"2pauu-ppap": 8' in first.stdout
     assert first.stderr.count("compiling the kernels of 2pauu-ppap") == 1
     second = warm("2pauu-ppap", "--format", "json", "--quiet")
     assert '"2pauu-ppap": 0' in second.stdout

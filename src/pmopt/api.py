@@ -66,20 +66,25 @@ def ik(
     Raises
     ------
     pmopt.errors.UnreachableError
-        Naming the limb and by how much the pose is out of its reach.
+        Where the limbs cannot be closed, naming the limb and by how much the pose is out of its
+        reach. What only exceeds limits or strokes is listed, see ``within_limits`` and ``beyond``.
     """
     return inverse_kinematics(find(mechanism), params, pose, working_mode, limits)
 
 
-def fk(mechanism: str, joints: Params, params: Params | None = None) -> ForwardResult:
-    """Solve the forward kinematics: all assembly modes.
+def fk(
+    mechanism: str, joints: Params, params: Params | None = None, near: Params | None = None
+) -> ForwardResult:
+    """Solve the forward kinematics: all assembly modes, or the one nearest to a pose.
+
+    :func:`pmopt.analysis.kinematics.forward_many` solves many sets of joint positions at once.
 
     Raises
     ------
     pmopt.errors.UnreachableError
         Where the mechanism can not be assembled with these joint positions.
     """
-    return forward_kinematics(find(mechanism), params, joints)
+    return forward_kinematics(find(mechanism), params, joints, near=near)
 
 
 def jacobian(
@@ -228,7 +233,9 @@ def certify(
 def warmup(
     *mechanisms: str, threads: int | None = None, notify: Callable[[str], None] | None = None
 ) -> dict[str, int]:
-    """Compile the kernels of mechanisms ahead: what motions and default workspaces need.
+    """Compile the kernels of mechanisms ahead.
+
+    What motions, forward kinematics and default workspaces need.
 
     Parameters
     ----------
@@ -245,6 +252,7 @@ def warmup(
         By mechanism, the number of kernels that were missing.
     """
     from pmopt.analysis.dynamics import Mover
+    from pmopt.analysis.kinematics import Assembling
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.sweeper import Sweeper
     from pmopt.analysis.warmup import warm_up
@@ -257,7 +265,7 @@ def warmup(
             told.add(line)
             notify(line)
 
-    users: list[Sweeper | Mover] = []
+    users: list[Sweeper | Mover | Assembling] = []
     for name in mechanisms or names():
         found = find(name)
         users.append(Sweeper(found, WorkspaceSettings(), notify=once))
@@ -265,6 +273,8 @@ def warmup(
             users.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
         if found.posture is not None:
             users.append(Mover(found, found.resolve({}), found.working_modes[0]))
+        if found.assembler is not None:
+            users.append(Assembling(found))
     return warm_up(users, threads or default_threads())
 
 

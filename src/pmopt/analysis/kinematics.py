@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from pmopt.analysis.workspace import index_note, mixed_units
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms.base import (
+    Coordinate,
     ForwardSolution,
     InverseSolution,
     JacobianKind,
@@ -22,6 +24,8 @@ from pmopt.mechanisms.base import (
     within,
     wrap_angle,
 )
+from pmopt.numerics.assembly import load
+from pmopt.numerics.compiled import Compiled
 from pmopt.units import ONE, unit_of
 
 #: A pose nearer than this to a singularity (distance over the size of the mechanism, or
@@ -29,15 +33,74 @@ from pmopt.units import ONE, unit_of
 SINGULAR = 1e-9
 
 
+Complete = Literal["proven", "not proven"]
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """A joint position or coordinate that is not within its limits.
+
+    ``miss`` is by how much, of angles modulo a turn; all in ``unit``.
+    """
+
+    name: str
+    value: float
+    lower: float
+    upper: float
+    miss: float
+    unit: str
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        unit = "" if self.unit == ONE else f" {self.unit}"
+        text = (
+            f"{self.name} = {self.value:.6g}{unit} misses [{self.lower:g}, {self.upper:g}]{unit} "
+            f"by {self.miss:.6g}{unit}"
+        )
+        if self.unit == "rad":
+            return text
+        return f"{text} ({'too close' if self.value < self.lower else 'too far'})"
+
+    @property
+    def short(self) -> str:
+        """Only by how much."""
+        return f"{self.name} by {self.miss:.6g}" + ("" if self.unit == ONE else f" {self.unit}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form; a side that is open is None."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "lower": self.lower if np.isfinite(self.lower) else None,
+            "upper": self.upper if np.isfinite(self.upper) else None,
+            "miss": self.miss,
+            "unit": self.unit,
+        }
+
+
 @dataclass(frozen=True)
 class InverseResult:
-    """All asked-for branches of the inverse kinematics at a pose."""
+    """All asked-for branches of the inverse kinematics at a pose.
+
+    Attributes
+    ----------
+    solutions : tuple of InverseSolution
+    within_limits : tuple of bool
+        Whether a solution keeps every limit, one a solution.
+    beyond : tuple of tuple of Beyond
+        What of a solution is not within its limits, one a solution.
+    out_of_reach : str or None
+        Where no working mode keeps the mechanism's own strokes at the pose, by how much the nearest
+        misses them. The same whichever mode is asked for.
+    """
 
     mechanism: str
     pose: dict[str, float]
     solutions: tuple[InverseSolution, ...]
     within_limits: tuple[bool, ...]
     units: dict[str, str]
+    beyond: tuple[tuple[Beyond, ...], ...] = ()
+    out_of_reach: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -51,8 +114,11 @@ class InverseResult:
                     "parasitic": s.parasitic,
                     **({"passive": s.passive} if s.passive else {}),
                     "within_limits": inside,
+                    **({} if inside else {"beyond": [b.to_dict() for b in beyond]}),
                 }
-                for s, inside in zip(self.solutions, self.within_limits, strict=True)
+                for s, inside, beyond in zip(
+                    self.solutions, self.within_limits, self.beyond, strict=True
+                )
             ],
             "units": self.units,
         }
@@ -60,12 +126,18 @@ class InverseResult:
 
 @dataclass(frozen=True)
 class ForwardResult:
-    """All assembly modes for a set of joint positions."""
+    """The assembly modes for a set of joint positions, or the one nearest to a pose.
+
+    ``complete`` says whether it is proven that no assembly mode is missing from the search, and
+    ``completeness`` how they were found.
+    """
 
     mechanism: str
     joints: dict[str, float]
     solutions: tuple[ForwardSolution, ...]
     units: dict[str, str]
+    complete: Complete = "not proven"
+    completeness: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -76,6 +148,7 @@ class ForwardResult:
                 {"pose": s.pose, "parasitic": s.parasitic, "residual": s.residual}
                 for s in self.solutions
             ],
+            "complete": self.complete,
             "units": self.units,
         }
 
@@ -195,6 +268,9 @@ def inverse_kinematics(
 ) -> InverseResult:
     """Solve the inverse kinematics at a pose.
 
+    A working mode that closes the limbs is listed whether it keeps the limits or not: what it
+    exceeds stands in ``beyond``. One mode gives what all give of it.
+
     Parameters
     ----------
     mechanism : Mechanism
@@ -205,15 +281,16 @@ def inverse_kinematics(
     working_mode : str
         One of the mechanism's, or ``"all"``.
     limits : mapping, optional
-        Joint limits ``{joint: (lower, upper)}`` that ``within_limits`` is told by, beside the
-        mechanism's own.
+        Joint limits ``{joint: (lower, upper)}`` that ``within_limits`` holds against, beside the
+        mechanism's own or in their place.
     where : str
         What errors call the pose.
 
     Raises
     ------
     UnreachableError
-        Naming the limb and by how much the pose is out of its reach.
+        Where the limbs cannot be closed, or not in the working mode, naming the limb and by how
+        much the pose is out of its reach.
     InputError
         For unknown names and values that are no finite numbers.
     """
@@ -232,79 +309,91 @@ def inverse_kinematics(
             f"{where}: {_shown(checked)} is out of reach in working mode {working_mode}; "
             f"it is reached in {', '.join(s.working_mode for s in solutions)}"
         )
-    # Strokes are the reach of a limb; limits that a user gives instead are told by within_limits.
-    strokes = {
-        c.name: ranges[c.name] for c in mechanism.joints if c.name in ranges and c.name not in given
-    }
-    if strokes and not any(_keeps(mechanism, s, strokes) for s in chosen):
-        _require_strokes(mechanism, chosen, strokes, checked, where)
+    own = {k: v for k, v in ranges.items() if k not in given}
+    strokes = {c.name: own[c.name] for c in mechanism.joints if c.name in own}
+    misses = [_beyond(mechanism, {**s.joints}, strokes) for s in solutions]
+    fixed = _beyond(mechanism, checked, mechanism.pose_limits(parameters), mechanism.pose)
+    beyond = tuple((*fixed, *_beyond(mechanism, {**s.passive, **s.joints}, ranges)) for s in chosen)
     return InverseResult(
         mechanism.name,
         checked,
         chosen,
-        tuple(mechanism.admits(parameters, checked) and _keeps(mechanism, s, ranges)
-              for s in chosen),
+        tuple(not b for b in beyond),
         _units(mechanism),
-    )  # fmt: skip
+        beyond,
+        None if not all(misses) else _out_of_strokes(mechanism, misses, checked, where),
+    )
+
+
+def reached(mechanism: Mechanism, result: InverseResult, where: str) -> InverseResult:
+    """Return a result of one working mode that keeps the mechanism's own strokes.
+
+    Raises
+    ------
+    UnreachableError
+        Where it does not.
+    """
+    names = [c.name for c in mechanism.joints]
+    misses = tuple(b for b in result.beyond[0] if b.name in names)
+    if misses:
+        raise UnreachableError(_out_of_strokes(mechanism, [misses], result.pose, where))
+    return result
 
 
 def _shown(values: Mapping[str, float]) -> str:
     return ",".join(f"{name}={value!r}" for name, value in values.items())
 
 
-def _keeps(mechanism: Mechanism, solution: InverseSolution, ranges: Ranges) -> bool:
-    """Return whether joints and passive joints are within their limits."""
-    values = {**solution.passive, **solution.joints}
-    return all(
-        within(value, ranges[c.name], c.kind)
-        for c in mechanism.limited
-        if c.name in ranges
-        for name, value in values.items()
-        if of_limb(c.name, name)
-    )
-
-
-def _require_strokes(
+def _beyond(
     mechanism: Mechanism,
-    solutions: tuple[InverseSolution, ...],
-    strokes: Ranges,
+    values: Mapping[str, float],
+    ranges: Ranges,
+    coordinates: Sequence[Coordinate] | None = None,
+) -> tuple[Beyond, ...]:
+    """Return what of the values is not within the ranges, in the order of the coordinates."""
+    found = []
+    for c in mechanism.limited if coordinates is None else coordinates:
+        for name, value in values.items():
+            if c.name not in ranges or not of_limb(c.name, name):
+                continue
+            low, high = ranges[c.name]
+            if within(value, (low, high), c.kind):
+                continue
+            if c.kind == "angle":
+                miss = min(abs(wrap_angle(value - low)), abs(wrap_angle(value - high)))
+            else:
+                miss = max(low - value, value - high)
+            found.append(Beyond(name, value, low, high, miss, mechanism.unit(c)))
+    return tuple(found)
+
+
+def _out_of_strokes(
+    mechanism: Mechanism,
+    misses: Sequence[tuple[Beyond, ...]],
     pose: Mapping[str, float],
     where: str,
-) -> None:
-    """Raise the error that names each joint out of its stroke and by how much, best branch."""
-
-    def misses(solution: InverseSolution) -> dict[str, float]:
-        beyond = {
-            k: max(low - solution.joints[k], solution.joints[k] - high)
-            for k, (low, high) in strokes.items()
-        }
-        return {k: v for k, v in beyond.items() if v > 0}
-
-    best = min(solutions, key=lambda s: sum(misses(s).values()))
-    units = _units(mechanism)
-    told = []
-    for number, joint in enumerate(mechanism.joints):
-        miss = misses(best).get(joint.name)
-        if miss is None:
-            continue
+) -> str:
+    """Say which joints are out of their strokes and by how much, of the nearest branch."""
+    best = min(misses, key=lambda some: sum(b.miss for b in some))
+    names = [c.name for c in mechanism.joints]
+    said = []
+    for one in best:
+        number = names.index(one.name)
         limb = f"{mechanism.limbs[number].name}, " if number < len(mechanism.limbs) else ""
-        low, high = strokes[joint.name]
-        reason = "too close" if best.joints[joint.name] < low else "too far"
-        told.append(
-            f"{limb}{joint.name} = {best.joints[joint.name]:.6g} {units[joint.name]} misses its "
-            f"stroke [{low:g}, {high:g}] by {miss:.6g} {units[joint.name]} ({reason})"
-        )
-    raise UnreachableError(f"{where}: {_shown(pose)} is out of reach: {'; '.join(told)}")
+        said.append(f"{limb}{str(one).replace('misses [', 'misses its stroke [')}")
+    return f"{where}: {_shown(pose)} is out of reach: {'; '.join(said)}"
 
 
 def no_inverse(mechanism: Mechanism, pose: dict[str, float]) -> InverseResult:
     """Return the result of a pose out of reach: no solutions."""
-    return InverseResult(mechanism.name, pose, (), (), _units(mechanism))
+    return InverseResult(mechanism.name, pose, (), (), _units(mechanism), ())
 
 
 def no_forward(mechanism: Mechanism, joints: dict[str, float]) -> ForwardResult:
     """Return the result of joint positions that can not be assembled: no solutions."""
-    return ForwardResult(mechanism.name, joints, (), _forward_units(mechanism))
+    return ForwardResult(
+        mechanism.name, joints, (), _forward_units(mechanism), "not proven", mechanism.completeness
+    )
 
 
 def forward_kinematics(
@@ -332,29 +421,119 @@ def forward_kinematics(
     InputError
         For unknown names and values that are no finite numbers.
     """
+    (found,) = forward_many(mechanism, params, [joints], [where], near)
+    if isinstance(found, InputError):
+        raise found
+    return found
+
+
+@dataclass(frozen=True)
+class Assembling:
+    """The compiled forward kinematics of a mechanism, for those who compile ahead."""
+
+    mechanism: Mechanism
+
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """What is compiled, with the entries that are called."""
+        found = self.mechanism.assembler
+        return {} if found is None else {load(found): ("assemble_all",)}
+
+    def say(self, notify: Callable[[str], None]) -> None:
+        """Have a line said where it still has to be compiled."""
+        name = self.mechanism.name
+        for compiled in self.kernels:
+            compiled.on_compile = lambda: notify(
+                f"compiling the forward kinematics of {name}, once: some seconds"
+            )
+
+
+def forward_many(
+    mechanism: Mechanism,
+    params: Mapping[str, Any] | None,
+    rows: Sequence[Mapping[str, Any]],
+    places: Sequence[str],
+    near: Mapping[str, Any] | None = None,
+) -> list[ForwardResult | UnreachableError]:
+    """Solve the forward kinematics of many sets of joint positions at once.
+
+    Each gives what :func:`forward_kinematics` gives of it alone, to the last bit.
+
+    Parameters
+    ----------
+    mechanism, params, near
+        See :func:`forward_kinematics`.
+    rows : sequence of mapping
+        Every actuated joint, each.
+    places : sequence of str
+        What errors call them.
+
+    Returns
+    -------
+    list of ForwardResult or UnreachableError
+        The latter where the mechanism cannot be assembled.
+
+    Raises
+    ------
+    InputError
+        For unknown names, values that are no finite numbers and joint positions that leave the
+        platform free to move.
+    """
     parameters = mechanism.resolve(params or {})
-    checked = mechanism.check_coordinates(joints, mechanism.joints, where)
-    solutions = mechanism.forward(parameters, checked)
-    if not solutions:
-        reason = mechanism.why_not(parameters, checked)
-        raise UnreachableError(f"{where}: {_shown(checked)} can not be assembled: {reason}")
-    if near is not None:
-        goal = mechanism.check_coordinates(near, mechanism.pose, "near")
-        size = mechanism.characteristic_length(parameters)
-        solutions = (min(solutions, key=lambda s: _distance(mechanism, s.pose, goal, size)),)
-    return ForwardResult(mechanism.name, checked, solutions, _forward_units(mechanism))
+    checked = [
+        mechanism.check_coordinates(joints, mechanism.joints, where)
+        for joints, where in zip(rows, places, strict=True)
+    ]
+    goal = None if near is None else mechanism.check_coordinates(near, mechanism.pose, "near")
+    size = mechanism.characteristic_length(parameters)
+    units = _forward_units(mechanism)
+    results: list[ForwardResult | UnreachableError] = []
+    for joints, where, found in zip(
+        checked, places, mechanism.assemblies(parameters, checked), strict=True
+    ):
+        if found.free:
+            raise InputError(f"{where}: {mechanism.freed}")
+        solutions = found.solutions
+        if not solutions:
+            reason = mechanism.why_not(parameters, joints)
+            results.append(
+                UnreachableError(f"{where}: {_shown(joints)} can not be assembled: {reason}")
+            )
+            continue
+        if goal is not None:
+            solutions = (min(solutions, key=lambda s: _distance(mechanism, s.pose, goal, size)),)
+        results.append(
+            ForwardResult(
+                mechanism.name, joints, solutions, units,
+                "proven" if found.proven else "not proven", mechanism.completeness,
+            )
+        )  # fmt: skip
+    return results
 
 
 def _distance(
     mechanism: Mechanism, pose: Mapping[str, float], goal: Mapping[str, float], size: float
 ) -> float:
-    """Return how far two poses are from each other, angles weighed by the size."""
-    return sum(
-        (size * wrap_angle(pose[c.name] - goal[c.name])) ** 2
-        if c.kind == "angle"
-        else (pose[c.name] - goal[c.name]) ** 2
-        for c in mechanism.pose
-    )
+    """Return the square of how far two poses are apart, angles weighed by the size.
+
+    Rz(a) Ry(b) Rx(c) is Rz(a + pi) Ry(pi - b) Rx(c + pi): the nearer of both forms counts.
+    """
+
+    def apart(pose: Mapping[str, float]) -> float:
+        return sum(
+            (size * wrap_angle(pose[c.name] - goal[c.name])) ** 2
+            if c.kind == "angle"
+            else (pose[c.name] - goal[c.name]) ** 2
+            for c in mechanism.pose
+        )
+
+    turned = dict(pose)
+    for role, c in zip(mechanism.roles, mechanism.pose, strict=False):
+        if role == "pitch":
+            turned[c.name] = math.pi - pose[c.name]
+        elif role in ("yaw", "roll"):
+            turned[c.name] = pose[c.name] + math.pi
+    return min(apart(pose), apart(turned)) if "pitch" in mechanism.roles else apart(pose)
 
 
 def jacobian_at(
@@ -403,7 +582,8 @@ def jacobian_at(
         if kind == "raw":
             raise InputError("characteristic length: needs the homogenized Jacobian, not raw")
         kind = "homogenized"
-    branch = inverse_kinematics(mechanism, params, pose, mode, where=where)
+    found = inverse_kinematics(mechanism, params, pose, mode, where=where)
+    branch = reached(mechanism, found, where)
     joints = branch.solutions[0].joints
     j_x, j_q = mechanism.velocity_maps(parameters, branch.pose, joints)
     reach = {r.limb: r.distance for r in mechanism.reach(parameters, branch.pose)}
@@ -523,10 +703,13 @@ def inverse_condition(matrix: Matrix, norm: str) -> float:
 
 
 __all__ = [
+    "Beyond",
     "ForwardResult",
     "InverseResult",
     "JacobianResult",
     "forward_kinematics",
+    "forward_many",
     "inverse_kinematics",
     "jacobian_at",
+    "reached",
 ]

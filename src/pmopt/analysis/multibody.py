@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pmopt.analysis.dynamics import GRAVITY
-from pmopt.analysis.kinematics import inverse_kinematics
+from pmopt.analysis.kinematics import inverse_kinematics, reached
 from pmopt.analysis.screws import rank
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import PLATFORM, Chain, Joint, Matrix, Mechanism, Parameters, Vector
@@ -278,6 +278,7 @@ def declared_tree(
     mode = mechanism.check_mode(working_mode)
     given = mechanism.home(parameters) if pose is None else pose
     found = inverse_kinematics(mechanism, parameters, given, mode, where=where)
+    reached(mechanism, found, where)
     gravity = [GRAVITY * d for d in mechanism.down]
     bodies = mechanism.bodies(parameters)
     return build_tree(mechanism, parameters, found.pose, mode, bodies, gravity)

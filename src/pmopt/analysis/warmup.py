@@ -11,16 +11,19 @@ from pmopt.numerics.compiled import compile_ahead
 
 if TYPE_CHECKING:  # a workspace does without
     from pmopt.analysis.dynamics import Mover
+    from pmopt.analysis.kinematics import Assembling
 
 
-def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True) -> dict[str, int]:
+def warm_up(
+    users: Iterable[Sweeper | Mover | Assembling], workers: int, shapes: bool = True
+) -> dict[str, int]:
     """Compile what is missing of all that workspaces, their shapes and motions call.
 
     In processes of their own: this one stays free to be interrupted.
 
     Parameters
     ----------
-    users : iterable of Sweeper and Mover
+    users : iterable of Sweeper, Mover and Assembling
     workers : int
         Processes at most.
     shapes : bool

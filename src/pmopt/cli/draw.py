@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pmopt.analysis.kinematics import inverse_kinematics
+from pmopt.analysis.kinematics import inverse_kinematics, reached
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
@@ -44,6 +44,7 @@ def draw_command(
     mode = mechanism.check_mode(working_mode, "--working-mode")
     given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
     found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
+    reached(mechanism, found, "--pose")
     with drawn_as(form_of(out, "--out")):
         picture = draw_mechanism(mechanism, parameters, found.pose, mode)
     try:

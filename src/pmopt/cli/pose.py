@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from pmopt.analysis import kinematics
 from pmopt.analysis.kinematics import ForwardResult, InverseResult
-from pmopt.analysis.rows import Rows, read_rows
+from pmopt.analysis.rows import read_rows
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting import tables
-
-Result = TypeVar("Result", InverseResult, ForwardResult)
 
 
 def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
@@ -25,23 +22,10 @@ def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
         raise InputError(f"{names}: exactly one of the two is needed")
 
 
-def _each(
-    rows: Rows,
-    where: str,
-    solve: Callable[[dict[str, float], str], Result],
-    empty: Callable[[dict[str, float]], Result],
-) -> tuple[list[Result], InputError | None]:
-    """Solve every row; what is out of reach gets no solutions and one error for all."""
-    results, misses = [], []
-    for line, row in zip(rows.lines, rows.poses(), strict=True):
-        try:
-            results.append(solve(row, f"{where}, line {line}"))
-        except UnreachableError as error:
-            misses.append(str(error))
-            results.append(empty(row))
-    if not misses:
-        return results, None
-    return results, UnreachableError(f"{misses[0]} ({len(misses)} of {len(rows.lines)} rows)")
+def _raise_misses(misses: list[str], count: int) -> None:
+    """Raise one error for all rows that are out of reach."""
+    if misses:
+        raise UnreachableError(f"{misses[0]} ({len(misses)} of {count} rows)")
 
 
 @click.command("ik")
@@ -51,13 +35,16 @@ def _each(
 @options.params_option
 @click.option("--working-mode", default="all", show_default=True, help="A working mode, or all.")
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
-              help="Joint limits that within_limits is told by.")  # fmt: skip
+              help="Joint limits that within_limits holds against.")  # fmt: skip
 @options.common_options
 def ik_command(
     mechanism: Mechanism, pose: tuple[str, ...], poses: Path | None, params: tuple[str, ...],
     working_mode: str, limits: tuple[str, ...], form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Inverse kinematics: the joint positions of a pose in all working modes.
+
+    A mode that exists but is not within its limits is listed, with what it exceeds and by how much.
+    Exit code 2 where no mode at all keeps the mechanism's own strokes.
 
     \b
     Example:
@@ -78,19 +65,26 @@ def ik_command(
     if poses is None:
         result = solve(options.split_pairs(pose, "--pose"), "--pose")
         emit(form, result.to_dict(), [tables.inverse_table([result])])
+        if result.out_of_reach is not None:
+            raise UnreachableError(result.out_of_reach)
         return
     rows = read_rows(poses, "--poses", mechanism, mechanism.pose)
     for note in rows.notes:
         notifier(quiet)(note)
 
-    def empty(values: dict[str, Any]) -> InverseResult:
-        checked = mechanism.check_coordinates(values, mechanism.pose, "--poses")
-        return kinematics.no_inverse(mechanism, checked)
-
-    results, error = _each(rows, f"--poses: {poses}", solve, empty)
+    results: list[InverseResult] = []
+    misses: list[str] = []
+    for line, row in zip(rows.lines, rows.poses(), strict=True):
+        try:
+            results.append(solve(row, f"--poses: {poses}, line {line}"))
+        except UnreachableError as error:
+            misses.append(str(error))
+            checked = mechanism.check_coordinates(row, mechanism.pose, "--poses")
+            results.append(kinematics.no_inverse(mechanism, checked))
+        else:
+            misses += filter(None, [results[-1].out_of_reach])
     emit(form, [r.to_dict() for r in results], [tables.inverse_table(results, many=True)])
-    if error:
-        raise error
+    _raise_misses(misses, len(rows.lines))
 
 
 @click.command("fk")
@@ -110,9 +104,11 @@ def fk_command(
     mechanism: Mechanism, joints: tuple[str, ...], joints_file: Path | None, near: tuple[str, ...],
     params: tuple[str, ...], form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
-    """Forward kinematics: the poses the joint positions can be assembled in, home first.
+    """Forward kinematics: the poses the joint positions can be assembled in, nearest to home first.
 
-    All real ones, in closed form or as far as Newton's method finds them from many starts.
+    Real solutions only. "complete" says whether it is proven that there are no others: by a closed
+    form (2pauu-ppap, 2uu-upu) or by counting the real roots of a polynomial of degree 8 (3-ups-sp,
+    3-cur; not next to a singularity). For 4-ups-rps it is checked, not proven.
 
     \b
     Example:
@@ -120,27 +116,30 @@ def fk_command(
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
     goal = options.split_pairs(near, "--near") if near else None
+    kinematics.Assembling(mechanism).say(notifier(quiet))
     given = options.design_parameters(mechanism, params)
 
-    def solve(values: dict[str, Any], where: str) -> ForwardResult:
-        return kinematics.forward_kinematics(mechanism, given, values, where, goal)
-
     if joints_file is None:
-        result = solve(options.split_pairs(joints, "--joints"), "--joints")
+        values = options.split_pairs(joints, "--joints")
+        result = kinematics.forward_kinematics(mechanism, given, values, "--joints", goal)
         emit(form, result.to_dict(), [tables.forward_table([result])])
         return
     rows = read_rows(joints_file, "--joints-file", mechanism, mechanism.joints)
     for note in rows.notes:
         notifier(quiet)(note)
-
-    def empty(values: dict[str, Any]) -> ForwardResult:
-        checked = mechanism.check_coordinates(values, mechanism.joints, "--joints-file")
-        return kinematics.no_forward(mechanism, checked)
-
-    results, error = _each(rows, f"--joints-file: {joints_file}", solve, empty)
+    places = [f"--joints-file: {joints_file}, line {line}" for line in rows.lines]
+    table = rows.poses()
+    results: list[ForwardResult] = []
+    misses: list[str] = []
+    found = kinematics.forward_many(mechanism, given, table, places, goal)
+    for row, one in zip(table, found, strict=True):
+        if isinstance(one, UnreachableError):
+            misses.append(str(one))
+            checked = mechanism.check_coordinates(row, mechanism.joints, "--joints-file")
+            one = kinematics.no_forward(mechanism, checked)
+        results.append(one)
     emit(form, [r.to_dict() for r in results], [tables.forward_table(results, many=True)])
-    if error:
-        raise error
+    _raise_misses(misses, len(rows.lines))
 
 
 @click.command("jacobian")

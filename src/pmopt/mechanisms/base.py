@@ -30,6 +30,7 @@ from pmopt.units import (
 
 if TYPE_CHECKING:
     from pmopt.mechanisms.bodies import Body
+    from pmopt.numerics.assembly import Assembler
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -172,6 +173,25 @@ class ForwardSolution:
 
 
 @dataclass(frozen=True)
+class Assemblies:
+    """The assembly modes of one set of joint positions.
+
+    Attributes
+    ----------
+    solutions : tuple of ForwardSolution
+        Nearest to home first.
+    proven : bool
+        Whether it is proven that there are no others.
+    free : bool
+        Whether the joint positions leave the platform free to move, with no end of solutions.
+    """
+
+    solutions: tuple[ForwardSolution, ...]
+    proven: bool = False
+    free: bool = False
+
+
+@dataclass(frozen=True)
 class Reach:
     """How far a pose is inside (> 0) or outside (< 0) the reach of one limb.
 
@@ -296,6 +316,13 @@ class Mechanism(ABC):
     followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {}
     #: Direction of gravity unless another is given.
     down: ClassVar[tuple[float, float, float]] = (0.0, 0.0, -1.0)
+    #: How the compiled forward kinematics solves; its constants are :meth:`assembly_constants`.
+    #: A mechanism without one has a :meth:`forward` of its own.
+    assembler: ClassVar[Assembler | None] = None
+    #: How the assembly modes are found, in words: what it rests on that they are all.
+    completeness: ClassVar[str] = "no proof is offered that these are all"
+    #: In words where joint positions leave the platform free to move.
+    freed: ClassVar[str] = "a forward singularity: the platform is free to move"
     #: Names of the passive U and S joints whose cone angle the skeleton tells.
     cones: ClassVar[tuple[str, ...]] = ()
 
@@ -356,11 +383,60 @@ class Mechanism(ABC):
     ) -> tuple[InverseSolution, ...]:
         """Return all branches of the inverse kinematics, one a working mode; () out of reach."""
 
-    @abstractmethod
+    def assembly_constants(self, parameters: Parameters) -> Sequence[float]:
+        """Return the constants of :attr:`assembler` for one design."""
+        raise NotImplementedError
+
     def forward(
         self, parameters: Parameters, joints: Mapping[str, float]
     ) -> tuple[ForwardSolution, ...]:
-        """Return the real assembly modes found; () where it can not be assembled."""
+        """Return the real assembly modes found; () where it cannot be assembled.
+
+        Raises
+        ------
+        InputError
+            Where the joint positions leave the platform free to move.
+        """
+        (found,) = self.assemblies(parameters, [joints])
+        if found.free:
+            raise InputError(f"joints: {self.freed}")
+        return found.solutions
+
+    def assemblies(
+        self, parameters: Parameters, rows: Sequence[Mapping[str, float]]
+    ) -> list[Assemblies]:
+        """Return the assembly modes of many sets of joint positions, each as if alone."""
+        if self.assembler is None:
+            return [Assemblies(self.forward(parameters, joints)) for joints in rows]
+        from pmopt.numerics.assembly import assemble_rows
+        from pmopt.threads import default_threads, ordered_map
+
+        table = np.array([[joints[c.name] for c in self.joints] for joints in rows], dtype=float)
+        constants = np.array(self.assembly_constants(parameters), dtype=float)
+        found, counts = assemble_rows(
+            self.assembler,
+            table.reshape(len(rows), len(self.joints)),
+            constants,
+            lambda solve, starts: ordered_map(solve, starts, default_threads()),
+        )
+        names = [c.name for c in self.pose]
+        others = [c.name for c in self.parasitic]
+        first, last = len(names), len(names) + len(others)
+        return [
+            Assemblies(
+                tuple(
+                    ForwardSolution(
+                        dict(zip(names, mode[:first], strict=True)),
+                        dict(zip(others, mode[first:last], strict=True)),
+                        mode[last],
+                    )
+                    for mode in modes[: max(count, 0)].tolist()
+                ),
+                bool(proven),
+                count < 0,
+            )
+            for modes, (count, proven) in zip(found, counts.tolist(), strict=True)
+        ]
 
     @abstractmethod
     def velocity_maps(
@@ -388,7 +464,13 @@ class Mechanism(ABC):
 
     def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
         """Return whether a pose keeps the limits that are design parameters."""
-        return True
+        return all(
+            low <= pose[name] <= high for name, (low, high) in self.pose_limits(parameters).items()
+        )
+
+    def pose_limits(self, parameters: Parameters) -> Ranges:
+        """Return the limits of pose coordinates that are design parameters."""
+        return {}
 
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
         """Say why the mechanism can not be assembled with these joint positions."""

@@ -28,14 +28,12 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import (
     PLATFORM,
     Chain,
     Coordinate,
-    ForwardSolution,
     Implicit,
     InverseSolution,
     Joint,
@@ -49,9 +47,11 @@ from pmopt.mechanisms.base import (
     Vector,
 )
 from pmopt.mechanisms.bodies import Body, disc, plate, tube
+from pmopt.mechanisms.cur_forward import cur_assemble, cur_MODES, cur_WORK
+from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import crossed
-from pmopt.numerics.newton import real_roots
-from pmopt.numerics.rotation import main_range, rotation_matrices
+from pmopt.numerics.octics import bernstein, nodes
+from pmopt.numerics.rotation import rotation_matrices
 from pmopt.numerics.trigonometry import sin_cos
 
 TINY = 1e-300
@@ -549,6 +549,8 @@ class Cur(Mechanism):
     skeleton = staticmethod(cur_skeleton)
     posture = staticmethod(cur_posture)
     roles = ("z", "pitch", "roll")
+    assembler = Assembler(cur_assemble, cur_MODES, 8, cur_WORK)
+    completeness = "by a polynomial of degree 8, whose real roots are counted"
     parasitic_roles = ("x", "y", "yaw")
     followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
         f"theta{2 + j}_{k + 1}": ((k, freedom, sign),)
@@ -676,7 +678,8 @@ class Cur(Mechanism):
             out = rotation @ [cos_k, sin_k, 0.0]
             w = length * (turns[2 * k] * out + turns[2 * k + 1] * rotation[:, 2])
             links.append(_Link(rb * out, rotation @ [-sin_k, cos_k, 0.0], w, sign * float(w[2])))
-        return links, (length * (c * px - s * py), length * (s * px + c * py), alpha), gap
+        x, y = length * (c * px - s * py), length * (s * px + c * py)
+        return links, (float(x), float(y), alpha), float(gap)
 
     def _passive(
         self,
@@ -713,69 +716,9 @@ class Cur(Mechanism):
         first /= max(float(np.linalg.norm(first)), TINY)
         return first if first @ link.e > 0 else -first, second
 
-    def forward(
-        self, parameters: Parameters, joints: Mapping[str, float]
-    ) -> tuple[ForwardSolution, ...]:
-        """Solve e_i.w_i = 0 and |w_i| = L for all six coordinates, from 487 starts."""
-        ra, rb, length, d1 = _sizes(parameters)
-        radial = np.array([[c, s, 0.0] for c, s in _AZIMUTHS])
-        tangential = np.array([[-s, c, 0.0] for c, s in _AZIMUTHS])
-        heights = np.array([joints[c.name] + d1 for c in self.joints])
-        anchors = ra * radial + heights[:, None] * _Z
-
-        def system(u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            """Lengths over L; unknowns x, y, z over L, alpha, beta, gamma."""
-            rotations, axes = rotation_matrices(u[:, 3:])
-            b = np.einsum("nij,kj->nki", rotations, rb * radial)
-            e = np.einsum("nij,kj->nki", rotations, tangential)
-            w = length * u[:, None, :3] + b - anchors
-            residual = np.concatenate(
-                [(e * w).sum(axis=2) / length, (w * w).sum(axis=2) / length**2 - 1], axis=1
-            )
-            slope = np.empty((len(u), 6, 6))
-            slope[:, :3, :3] = e
-            slope[:, 3:, :3] = 2 * w / length
-            turn = np.cross(e, w) + np.cross(b, e)
-            slope[:, :3, 3:] = np.einsum("nki,nij->nkj", turn, axes) / length
-            slope[:, 3:, 3:] = 2 * np.einsum("nki,nij->nkj", np.cross(b, w), axes) / length**2
-            return residual, slope
-
-        rise = math.sqrt(max(length**2 - (ra - rb) ** 2, 0.0))
-        middle = float(heights.mean())
-        grids = np.meshgrid([-0.4, 0.4], [-0.4, 0.4], [(middle - rise) / length, middle / length,
-                            (middle + rise) / length], [-0.4, 0.4, 2.5],
-                            [-1.1, -0.4, 0.4, 1.1], [-2.2, -0.8, 0.8, 2.2])  # fmt: skip
-        # The platform through the three links' ends, all up: a tilt from the heights' differences.
-        beta = -float(heights @ radial[:, 0]) * 2 / 3 / rb
-        gamma = float(heights @ radial[:, 1]) * 2 / 3 / rb
-        near = [rise * beta / length, -rise * gamma / length, (middle + rise) / length, 0.0]
-        starts = np.vstack([
-            [*near, beta, gamma], [*near, beta / 2, gamma / 2], np.array(grids).reshape(6, -1).T,
-        ])  # fmt: skip
-
-        def normal(u: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.hstack([u[:, :3], main_range(u[:, 3:])])
-
-        largest = np.array([0.3, 0.3, 0.3, 0.4, 0.4, 0.4])
-        solutions = []
-        for root in real_roots(system, starts, 1e-11, largest, normal):
-            x, y, z = (length * root[:3]).tolist()
-            alpha, beta, gamma = root[3:].tolist()
-            residual = float(np.abs(system(root[None])[0]).max()) * length
-            solutions.append(
-                ForwardSolution(
-                    {"z": z, "beta": beta, "gamma": gamma},
-                    {"x": x, "y": y, "alpha": alpha},
-                    residual,
-                )
-            )
-        home = self.home(parameters)
-
-        def away(solution: ForwardSolution) -> float:
-            turns = (solution.pose["beta"], solution.pose["gamma"], solution.parasitic["alpha"])
-            return math.hypot(solution.pose["z"] - home["z"], *(rb * t for t in turns))
-
-        return tuple(sorted(solutions, key=away))
+    def assembly_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`cur_assemble`."""
+        return [*_sizes(parameters), self.home(parameters)["z"], *nodes(), *bernstein()]
 
     def velocity_maps(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]

@@ -22,12 +22,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from pmopt.errors import InputError
 from pmopt.mechanisms.base import (
     PLATFORM,
     Chain,
     Coordinate,
-    ForwardSolution,
     InverseSolution,
     Joint,
     Limb,
@@ -41,6 +39,8 @@ from pmopt.mechanisms.base import (
     wrap_angle,
 )
 from pmopt.mechanisms.bodies import Body, plate, tube
+from pmopt.mechanisms.pauu_ppap_forward import pauu_assemble
+from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import crossed
 
 #: Sign s of the root in theta = atan2(B, A) + s acos(-C / sqrt(A^2 + B^2)), limbs 1 and 2.
@@ -258,6 +258,12 @@ class PauuPpap(Mechanism):
     skeleton = staticmethod(skeleton)
     posture = staticmethod(posture)
     roles = ("x", "y", "z")
+    assembler = Assembler(pauu_assemble, 2, 5, 1)
+    completeness = "closed form: two circles meet in two points at most"
+    freed = (
+        "a forward singularity, the end points of both cranks coincide as seen from the platform; "
+        "the poses form a circle"
+    )
     segments = (0, 0, 1, 1, PLATFORM, PLATFORM)
     spokes = (0, 1)
     #: Neither the cranks' bars nor the platform turn: both U joints of a link swing alike.
@@ -427,33 +433,10 @@ class PauuPpap(Mechanism):
             for mode, (s1, s2) in MODE_SIGNS.items()
         )
 
-    def forward(
-        self, parameters: Parameters, joints: Mapping[str, float]
-    ) -> tuple[ForwardSolution, ...]:
-        """Intersect two circles of radius sqrt(l2^2 - d^2) in the plane y = d (paper, eq. 17)."""
-        l2 = _lengths(parameters)[3]
-        d = joints["d"]
-        centre1, centre2 = _centres(parameters, joints)
-        half = (centre2 - centre1) / 2
-        half_distance = float(np.hypot(*half))
-        rise2 = l2**2 - d**2 - half_distance**2
-        if rise2 < -ON_SURFACE * l2**2:
-            return ()
-        if half_distance <= ON_SURFACE * l2:
-            raise InputError(
-                "joints: a forward singularity, the end points of both cranks coincide as seen "
-                "from the platform; the poses form a circle"
-            )
-        rise = math.sqrt(max(rise2, 0.0))
-        normal = np.array([-half[1], half[0]]) / half_distance
-        solutions = []
-        for sign in (1, -1):
-            x, z = (centre1 + half + sign * rise * normal).tolist()
-            pose = {"x": x, "y": d, "z": z}
-            links = self._links(parameters, pose, joints)
-            residual = max(abs(float(np.linalg.norm(u)) - l2) for u in links)
-            solutions.append(ForwardSolution(pose, {}, residual))
-        return tuple(sorted(solutions, key=lambda s: -s.pose["z"]))
+    def assembly_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`pauu_assemble`."""
+        m, n, l1, l2, c = _lengths(parameters)
+        return [m - n, l1, l2, 2 * c]
 
     def velocity_maps(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -482,10 +465,10 @@ class PauuPpap(Mechanism):
         """Return the units of J_X's and J_q's rows."""
         return {"J_X": "rows in m; m; 1", "J_q": "diagonal in m^2/rad; m^2/rad; 1"}
 
-    def admits(self, parameters: Parameters, pose: Mapping[str, float]) -> bool:
-        """Return whether z <= h."""
+    def pose_limits(self, parameters: Parameters) -> Ranges:
+        """Return z <= h."""
         top = parameters.get("h")
-        return top is None or pose["z"] <= top
+        return {} if top is None else {"z": (-math.inf, top)}
 
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
         """Compare what the links have to span with their length."""

@@ -16,6 +16,8 @@ from pmopt.mechanisms.base import Mechanism
 
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
 _NOT_MECHANISMS = {"base", "bodies", "registry"}
+#: Ends the names of modules that hold a mechanism's forward kinematics.
+_PART = "_forward"
 
 
 def _key(name: str) -> str:
@@ -40,7 +42,7 @@ def collect(mechanisms: list[Mechanism]) -> dict[str, Mechanism]:
 def _registry() -> dict[str, Mechanism]:
     found: list[Mechanism] = []
     for info in pkgutil.iter_modules(package.__path__):
-        if info.name not in _NOT_MECHANISMS:
+        if info.name not in _NOT_MECHANISMS and not info.name.endswith(_PART):
             found.append(importlib.import_module(f"{package.__name__}.{info.name}").MECHANISM)
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         try:

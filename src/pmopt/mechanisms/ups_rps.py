@@ -25,7 +25,6 @@ from pmopt.mechanisms.base import (
     PLATFORM,
     Chain,
     Coordinate,
-    ForwardSolution,
     InverseSolution,
     Joint,
     Limb,
@@ -38,9 +37,16 @@ from pmopt.mechanisms.base import (
     Vector,
 )
 from pmopt.mechanisms.bodies import Body, disc, tube
+from pmopt.mechanisms.ups_rps_forward import (
+    DIMENSIONS,
+    STARTS,
+    rps_assemble,
+    rps_MODES,
+    rps_WORK,
+)
+from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import unit_vector, ups_joints
-from pmopt.numerics.newton import real_roots
-from pmopt.numerics.rotation import main_range, rotation_matrices
+from pmopt.numerics.rotation import rotation_matrices
 from pmopt.numerics.strokes import part_within_stroke
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
@@ -269,6 +275,8 @@ class UpsRps(Mechanism):
     posture = staticmethod(rps_posture)
     roles = ("x", "y", "yaw", "pitch", "roll")
     parasitic_roles = ("z",)
+    assembler = Assembler(rps_assemble, rps_MODES, 8, rps_WORK)
+    completeness = "the real ends of 18 paths and their mirror images; that they are all is checked"
     down = (1.0, 0.0, 0.0)
     cones = ("U2", "U3", "U4", "U5", "S1", "S2", "S3", "S4", "S5")
 
@@ -338,57 +346,11 @@ class UpsRps(Mechanism):
         z = float(self.platform(parameters, pose)[1][2])
         return (InverseSolution("direct", joints, {"z": z}),)
 
-    def forward(
-        self, parameters: Parameters, joints: Mapping[str, float]
-    ) -> tuple[ForwardSolution, ...]:
-        """Solve |L_k| = l_k for the pose, by Newton's method from 433 starts."""
-        anchors, points = _anchors(parameters), _points(parameters)
-        radius = _radii(parameters)[2]
-        wanted = np.array([joints[c.name] for c in self.joints])
-        size = max(float(wanted.max()), radius)  # lengths may be 0
-
-        def system(u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            """Lengths over the longest limb, so that all unknowns are of size 1."""
-            angles = u[:, 2:]
-            rotations, axes = rotation_matrices(angles)
-            (_, sb, sc), (_, cb, cc) = np.sin(angles).T, np.cos(angles).T
-            centre = np.stack([size * u[:, 0], size * u[:, 1], radius * cb * cc], axis=1)
-            arms = np.einsum("nij,kj->nki", rotations, points)
-            gaps = centre[:, None, :] + arms - anchors
-            residual = ((gaps**2).sum(axis=2) - wanted**2) / size**2
-            slope = np.empty((len(u), 5, 5))
-            slope[:, :, :2] = 2 * gaps[:, :, :2] / size
-            slope[:, :, 2:] = 2 * np.einsum("nki,nij->nkj", np.cross(arms, gaps), axes) / size**2
-            slope[:, :, 3] -= 2 * gaps[:, :, 2] * (radius * sb * cc)[:, None] / size**2
-            slope[:, :, 4] -= 2 * gaps[:, :, 2] * (radius * cb * sc)[:, None] / size**2
-            return residual, slope
-
-        home = self.home(parameters)
-        turns = np.linspace(-math.pi, math.pi, 6, endpoint=False) + 0.1
-        grids = np.meshgrid([-0.7, 0.7], [-0.2, 0.2], turns[::2] + 0.4, [-0.9, 0.1, 0.8],
-                            np.linspace(-math.pi, math.pi, 12, endpoint=False) + 0.13)  # fmt: skip
-        first = [home["x"] / size, home["y"] / size, *list(home.values())[2:]]
-        starts = np.vstack([first, np.array(grids).reshape(5, -1).T])
-
-        def normal(u: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.hstack([u[:, :2], main_range(u[:, 2:])])
-
-        roots = real_roots(system, starts, 1e-11, np.array([0.3, 0.3, 0.5, 0.5, 0.5]), normal)
-        solutions = []
-        for root in roots:
-            values = [size * root[0], size * root[1], *root[2:]]
-            pose = {k: float(v) for k, v in zip(home, values, strict=True)}
-            lengths = self._lengths(parameters, pose)
-            residual = max(abs(a - b) for a, b in zip(lengths, wanted.tolist(), strict=True))
-            z = float(self.platform(parameters, pose)[1][2])
-            solutions.append(ForwardSolution(pose, {"z": z}, residual))
-
-        def away(solution: ForwardSolution) -> float:
-            gap = [solution.pose[k] - home[k] for k in home]
-            turns = (math.remainder(g, 2 * math.pi) for g in gap[2:])
-            return math.hypot(gap[0], gap[1], *(radius * g for g in turns))
-
-        return tuple(sorted(solutions, key=away))
+    def assembly_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`rps_assemble`."""
+        big1, big, small = _radii(parameters)
+        home = self.home(parameters).values()
+        return [big1, big / math.sqrt(2), small, *home, *DIMENSIONS, *STARTS]
 
     def velocity_maps(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]

@@ -27,7 +27,6 @@ from pmopt.mechanisms.base import (
     PLATFORM,
     Chain,
     Coordinate,
-    ForwardSolution,
     InverseSolution,
     Joint,
     Limb,
@@ -40,9 +39,11 @@ from pmopt.mechanisms.base import (
     Vector,
 )
 from pmopt.mechanisms.bodies import Body, plate, tube
+from pmopt.mechanisms.ups_sp_forward import sp_assemble, sp_MODES, sp_WORK
+from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import ups_joints
-from pmopt.numerics.newton import real_roots
-from pmopt.numerics.rotation import main_range, rotation_matrices
+from pmopt.numerics.octics import bernstein, nodes
+from pmopt.numerics.rotation import rotation_matrices
 from pmopt.numerics.strokes import part_within_stroke
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
 
@@ -260,6 +261,8 @@ class UpsSp(Mechanism):
     spokes = (0, 1, 2, 3)
     posture = staticmethod(sp_posture)
     roles = ("yaw", "pitch", "roll", "l4")
+    assembler = Assembler(sp_assemble, sp_MODES, 6, sp_WORK)
+    completeness = "by a polynomial of degree 8, whose real roots are counted"
     cones = ("U1", "U2", "U3", "S1", "S2", "S3", "S4")
 
     def characteristic_length(self, parameters: Parameters) -> float:
@@ -328,41 +331,15 @@ class UpsSp(Mechanism):
         joints = {f"l{i + 1}": length for i, length in enumerate(lengths)}
         return (InverseSolution("direct", joints, {}),)
 
-    def forward(
-        self, parameters: Parameters, joints: Mapping[str, float]
-    ) -> tuple[ForwardSolution, ...]:
-        """Solve |B_i - A_i| = l_i for the orientation, by Newton's method from 577 starts."""
+    def assembly_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`sp_assemble`."""
         base, platform = _corners(parameters)
-        l4 = joints["l4"]
-        local = platform[:3] - platform[3] + np.array([0.0, 0.0, l4])
-        anchors = base[:3] - base[3]
-        wanted = np.array([joints[f"l{i}"] for i in (1, 2, 3)])
-
-        def system(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            rotations, axes = rotation_matrices(x)
-            arms = np.einsum("nij,kj->nki", rotations, local)
-            gaps = arms - anchors
-            residual = (gaps**2).sum(axis=2) - wanted**2
-            return residual, 2 * np.einsum("nki,nij->nkj", np.cross(arms, gaps), axes)
-
-        turns = np.linspace(-math.pi, math.pi, 12, endpoint=False) + 0.1
-        starts = np.array(np.meshgrid(turns, [-1.0, -0.3, 0.25, 0.9], turns)).reshape(3, -1).T
         home = self.home(parameters)
-        starts = np.vstack([[home["phi"], home["theta"], home["psi"]], starts])
-        accepted = 1e-9 * float((wanted**2).max())
-        roots = real_roots(system, starts, accepted, np.full(3, 0.5), main_range)
-        solutions = []
-        for root in roots:
-            pose = dict(zip(("phi", "theta", "psi"), root.tolist(), strict=True)) | {"l4": l4}
-            lengths = self._lengths(parameters, pose)[:3]
-            residual = max(abs(a - b) for a, b in zip(lengths, wanted.tolist(), strict=True))
-            solutions.append(ForwardSolution(pose, {}, residual))
-
-        def away(solution: ForwardSolution) -> float:
-            gaps = (solution.pose[k] - home[k] for k in ("phi", "theta", "psi"))
-            return math.hypot(*(math.remainder(gap, 2 * math.pi) for gap in gaps))
-
-        return tuple(sorted(solutions, key=away))
+        return [
+            *(base[:3] - base[3]).ravel().tolist(),
+            *(platform[:3, :2] - platform[3, :2]).ravel().tolist(),
+            *(home[k] for k in ("phi", "theta", "psi")), *nodes(), *bernstein(),
+        ]  # fmt: skip
 
     def velocity_maps(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]

@@ -47,7 +47,6 @@ from pmopt.mechanisms.base import (
     Chain,
     Coordinate,
     Curve,
-    ForwardSolution,
     InverseSolution,
     Joint,
     Limb,
@@ -61,6 +60,8 @@ from pmopt.mechanisms.base import (
     wrap_angle,
 )
 from pmopt.mechanisms.bodies import Body, triangle, tube
+from pmopt.mechanisms.uu_upu_forward import uu_assemble
+from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.trigonometry import sin_cos
 
 TINY = 1e-300
@@ -703,6 +704,12 @@ class UuUpu(Mechanism):
     skeleton = staticmethod(skeleton)
     posture = staticmethod(posture)
     roles = ("x", "pitch", "roll")
+    assembler = Assembler(uu_assemble, 4, 8, 1)
+    completeness = "closed form: two circles, then two turns of the platform at most"
+    freed = (
+        "a forward singularity, P3 in B2 or P1 in theta1's plane at every turn; the platform is "
+        "free to move"
+    )
     parasitic_roles = ("y", "z", "yaw")
     followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
         "l1": ((0, 2, 1.0),),
@@ -820,40 +827,9 @@ class UuUpu(Mechanism):
             )
         return tuple(found)
 
-    def forward(
-        self, parameters: Parameters, joints: Mapping[str, float]
-    ) -> tuple[ForwardSolution, ...]:
-        """Intersect two circles for P2, then solve A cos psi + B sin psi + C = 0 from theta1."""
-        big_r = _lengths(parameters)[4]
-        home = self.home(parameters)
-        solutions = []
-        for at in assemblies(parameters, joints):
-            rotation, centre = at.rotation, at.centre
-            beta = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
-            gamma = math.atan2(rotation[2, 1], rotation[2, 2])
-            pose = {"x": float(centre[0]), "beta": beta, "gamma": gamma}
-            parasitic = {
-                "y": float(centre[1]),
-                "z": float(centre[2]),
-                "alpha": _yaw(rotation, beta, gamma),
-            }
-            w = at.ends[0] - at.base[0]
-            t1, phi, d3 = joints["theta1"], joints["phi"], joints["delta3"]
-            length = _lengths(parameters)[2]
-            p3 = at.base[2] + length * _about_y(phi) @ [0.0, math.sin(d3), math.cos(d3)]
-            residuals = [
-                abs(w[0] * math.cos(t1) - w[2] * math.sin(t1)),
-                abs(at.lengths[1] - length),
-                np.linalg.norm(at.ends[2] - p3),
-            ]
-            solutions.append(ForwardSolution(pose, parasitic, float(max(residuals))))
-
-        def away(solution: ForwardSolution) -> float:
-            gap = {k: solution.pose[k] - home[k] for k in home}
-            turns = [big_r * wrap_angle(gap[k]) for k in ("beta", "gamma")]
-            return math.hypot(gap["x"], *turns)
-
-        return tuple(sorted(solutions, key=away))
+    def assembly_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`uu_assemble`."""
+        return [*_lengths(parameters), *self.home(parameters).values()]
 
     def velocity_maps(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -1018,43 +994,6 @@ class UuUpu(Mechanism):
             for k, name in enumerate(names)
             if not limits.get(name, turn)[1] - limits.get(name, turn)[0] < 2 * math.pi
         )
-
-
-def assemblies(parameters: Parameters, joints: Mapping[str, float]) -> list[Configuration]:
-    """Return the assembled mechanism for joint positions: up to four, equal ones included.
-
-    Two kappa, and two psi each that put P1 in theta1's plane; on its own side one, both or none.
-    """
-    a, c, length, r, big_r = _lengths(parameters)
-    phi, d3, t1 = joints["phi"], joints["delta3"], joints["theta1"]
-    p3 = np.array([-a + length * math.sin(d3), length * math.cos(d3)])
-    couplers, rise = _couplers(parameters, p3)
-    found: list[Configuration] = []
-    if rise < 0.0:
-        return found
-    for coupler in couplers:
-        ym, hm = p3 + c * coupler
-        ck, sk = float(coupler[0]), float(coupler[1])
-        kappa = math.atan2(sk, ck)
-        # The sign of f, from the longer of M's coordinates.
-        sign = 1.0 if ym * c * sk + hm * (a - c * ck) >= 0.0 else -1.0
-        sphi, cphi = math.sin(phi), math.cos(phi)
-        # (w . direction of theta1's motion) = p cos psi + q sin psi + k
-        arm = 1.5 * big_r
-        cos_t, sin_t = math.cos(t1), math.sin(t1)
-        p = arm * (cphi * cos_t + sphi * sin_t)
-        q = arm * ck * (cphi * sin_t - sphi * cos_t)
-        k = (hm * sphi - 1.5 * r) * cos_t - hm * cphi * sin_t
-        size = math.hypot(p, q)
-        if size <= TINY or abs(k) > size * (1 + 1e-12):
-            continue
-        middle, half = math.atan2(q, p), math.acos(min(max(-k / size, -1.0), 1.0))
-        for psi in (middle + half, middle - half):
-            at = configuration(parameters, np.array([phi, kappa, wrap_angle(psi)]), sign)
-            w = at.ends[0] - at.base[0]
-            if w[0] * sin_t + w[2] * cos_t > 0.0:
-                found.append(at)
-    return found
 
 
 def _lengths(parameters: Parameters) -> tuple[float, float, float, float, float]:

@@ -31,14 +31,3 @@ def rotation_matrices(angles: Array) -> tuple[Array, Array]:
     ])  # fmt: skip
     axes = np.array([[zero, -sz, cz * cy], [zero, cz, sz * cy], [one, zero, -sy]])
     return np.moveaxis(rotations, 2, 0), np.moveaxis(axes, 2, 0)
-
-
-def main_range(angles: Array) -> Array:
-    """Return the same rotations with the middle angle in [-pi/2, pi/2], all in (-pi, pi]."""
-    turned = angles.copy()
-    turned[:, 1] = np.remainder(turned[:, 1] + np.pi, 2 * np.pi) - np.pi
-    over = np.abs(turned[:, 1]) > np.pi / 2
-    turned[over] = np.stack(
-        [turned[over, 0] + np.pi, np.pi - turned[over, 1], turned[over, 2] + np.pi], axis=1
-    )
-    return np.asarray(np.pi - np.remainder(np.pi - turned, 2 * np.pi))

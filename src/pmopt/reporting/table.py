@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from pmopt.units import ONE
 
 Cell = str | float | int | bool | None
@@ -39,7 +41,14 @@ class Table:
 
 def to_json(document: Any) -> str:
     """Return a document as JSON text, floats in shortest round-trip form."""
-    return json.dumps(document, indent=2, allow_nan=False)
+    return json.dumps(document, indent=2, allow_nan=False, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    """Return what a NumPy number or array stands for."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is no JSON")
 
 
 def to_csv(tables: Sequence[Table]) -> str:
@@ -53,18 +62,19 @@ def to_csv(tables: Sequence[Table]) -> str:
 
 
 def _csv_cell(cell: Cell) -> str:
-    if isinstance(cell, bool):
-        return str(cell).lower()
-    return repr(cell) if isinstance(cell, float) else str(cell)
+    """Return a cell's text; NumPy's numbers are those they stand for."""
+    if isinstance(cell, bool | np.bool_):
+        return str(bool(cell)).lower()
+    return repr(float(cell)) if isinstance(cell, float | np.floating) else str(cell)
 
 
 def shown(cell: Cell) -> str:
     """Return a cell as a table shows it."""
     if cell is None:
         return "-"
-    if isinstance(cell, bool):
+    if isinstance(cell, bool | np.bool_):
         return "yes" if cell else "no"
-    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+    return f"{cell:.6g}" if isinstance(cell, float | np.floating) else str(cell)
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:

@@ -142,40 +142,56 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
 def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
     """Return branches, a row each; of ``many`` poses each is numbered and repeated."""
     first = results[0]
-    names = [c for c in first.units if c not in first.pose]  # joints, parasitic coordinates
+    # Joints and parasitic coordinates; what is a pose coordinate too stands once.
+    names = [c for c in first.units if c not in first.pose]
+    if not many and first.solutions:
+        names = [*first.solutions[0].joints, *first.solutions[0].parasitic]
     poses = list(first.pose) if many else []
-    columns = (*(["row"] if poses else []), *poses, "working_mode", *names,
-               "within_limits")  # fmt: skip
+    columns = (*(["row"] if poses else []), *poses, "working_mode", *names, "within_limits",
+               "beyond")  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
+    display: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
         head = [number, *result.pose.values()] if poses else []
         branches: list[list[Cell]] = [
-            [s.working_mode, *((s.joints | s.parasitic)[c] for c in names), inside]
-            for s, inside in zip(result.solutions, result.within_limits, strict=True)
-        ] or [[None] * (len(names) + 2)]
+            [
+                s.working_mode,
+                *((s.joints | s.parasitic)[c] for c in names),
+                inside,
+                "; ".join(map(str, beyond)) or None,
+            ]
+            for s, inside, beyond in zip(
+                result.solutions, result.within_limits, result.beyond, strict=True
+            )
+        ] or [[None] * (len(names) + 3)]
         rows += [(*head, *branch) for branch in branches]
+        short = [", ".join(b.short for b in beyond) or None for beyond in result.beyond] or [None]
+        display += [(*head, *b[:-1], text) for b, text in zip(branches, short, strict=True)]
     pose = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.pose.items())
     title = f"{first.mechanism}, {len(results)} poses" if poses else f"{first.mechanism}, {pose}"
-    return Table(title, columns, tuple(rows), first.units)
+    return Table(title, columns, tuple(rows), first.units, (), tuple(display))
 
 
 def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table:
     """Return assembly modes, a row each; of ``many`` joint positions each is numbered."""
     first = results[0]
     poses = [c for c in first.units if c not in first.joints and c != "residual"]
+    if not many and first.solutions:
+        poses = [*first.solutions[0].pose, *first.solutions[0].parasitic]
     joints = list(first.joints) if many else []
-    columns = (*(["row"] if joints else []), *joints, *poses, "residual")
+    columns = (*(["row"] if joints else []), *joints, *poses, "residual", "complete")
     rows: list[tuple[Cell, ...]] = []
     for number, result in enumerate(results, start=1):
         head = [number, *result.joints.values()] if joints else []
         modes: list[list[Cell]] = [
-            [*({**s.pose, **s.parasitic}.get(c) for c in poses), s.residual]
+            [*({**s.pose, **s.parasitic}.get(c) for c in poses), s.residual, result.complete]
             for s in result.solutions
-        ] or [[None] * (len(poses) + 1)]
+        ] or [[None] * (len(poses) + 2)]
         rows += [(*head, *mode) for mode in modes]
     given = ", ".join(f"{k} = {v:g} {first.units[k]}" for k, v in first.joints.items())
     title = f"{first.mechanism}, {len(results)} rows" if joints else f"{first.mechanism}, {given}"
-    return Table(title, columns, tuple(rows), first.units)
+    note = f"complete: {first.completeness}"
+    return Table(title, columns, tuple(rows), first.units, (note,))
 
 
 def jacobian_tables(result: JacobianResult) -> list[Table]:

@@ -146,17 +146,28 @@ def workspace(
     **settings
         Fields of :class:`pmopt.analysis.settings.WorkspaceSettings`: ``samples``, ``sampler``,
         ``grid``, ``target_error``, ``working_mode``, ``norm``, ``jacobian``, ``domain``, ..
+
+    Raises
+    ------
+    pmopt.errors.InfeasibleError
+        When nothing is reachable, with what rules it out.
     """
+    from pmopt.analysis.emptiness import require_reachable
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.workspace import compute_workspace
     from pmopt.cluster import connect
 
     checked = validated(WorkspaceSettings, settings, "workspace")
+    found = find(mechanism)
     with connect(scheduler) as cluster:
-        return compute_workspace(
-            find(mechanism), params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
+        result = compute_workspace(
+            found, params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
             cluster=cluster,
         )  # fmt: skip
+    require_reachable(
+        result.reachable, found, result.params, checked, "workspace", result.samples
+    )
+    return result
 
 
 def certify_volume(

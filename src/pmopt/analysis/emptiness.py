@@ -269,6 +269,9 @@ def explain(
         Parameters that are not to be named, as those that a search varies.
     """
     asked = _Question(mechanism, parameters, settings)
+    some = asked.without(frozenset())
+    if some is not None:
+        return f"too few samples, {some.poses.shape[1]} of {_POSES} poses are"
     every = asked.restrictions(free)
     for own in (True, False):
         alone = [r for r in every if r.own == own and asked.without(frozenset([r])) is not None]
@@ -313,5 +316,6 @@ def nothing_reachable(
     samples: int | None = None,
 ) -> InfeasibleError:
     """Return the error for a workspace with nothing in it, or of which no sample was met."""
-    met = "nothing is reachable" if samples is None else f"none of {samples} poses is reachable"
-    return InfeasibleError(f"{where}: {met}: {explain(mechanism, parameters, settings)}")
+    sampled = make_sweeper(mechanism, settings).design(parameters).box_volume > 0
+    met = f"none of {samples} poses is" if samples and sampled else "nothing is"
+    return InfeasibleError(f"{where}: {met} reachable: {explain(mechanism, parameters, settings)}")

@@ -22,7 +22,7 @@ from pmopt.mechanisms.base import (
     within,
     wrap_angle,
 )
-from pmopt.units import ONE, unit_of
+from pmopt.units import ONE, exact, unit_of
 
 #: A pose nearer than this to a singularity (distance over the size of the mechanism, or
 #: normalised determinant) is one: rounding in the pose leaves no more.
@@ -292,7 +292,7 @@ def _require_strokes(
         reason = "too close" if best.joints[joint.name] < low else "too far"
         told.append(
             f"{limb}{joint.name} = {best.joints[joint.name]:.6g} {units[joint.name]} misses its "
-            f"stroke [{low:g}, {high:g}] by {miss:.6g} {units[joint.name]} ({reason})"
+            f"stroke [{exact(low)}, {exact(high)}] by {miss:.6g} {units[joint.name]} ({reason})"
         )
     raise UnreachableError(f"{where}: {_shown(pose)} is out of reach: {'; '.join(told)}")
 

@@ -239,7 +239,7 @@ class Sweeper:
             low, high = domain.get(coordinate.name, (-math.inf, math.inf))
             lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         cut = np.stack([lower, upper], axis=1) != whole
-        given = {
+        asked = {
             c.name: _as_given(self.domain.get(c.name), domain.get(c.name), low, high)
             for c, low, high in zip(mechanism.pose, lower.tolist(), upper.tolist(), strict=True)
         }
@@ -262,7 +262,7 @@ class Sweeper:
             constants = mechanism.kernel_constants(parameters, self.working_mode, length, limits)
             if self._checks:
                 constants = [*constants, *self._check_constants()]
-            return Design(parameters, length, limits, lower, width, cut, constants, given, void)
+            return Design(parameters, length, limits, lower, width, cut, constants, asked, void)
 
         design = ready(length)
         if self.settings.characteristic_length == "optimal" and design.box_volume > 0:

@@ -396,8 +396,6 @@ def _result(
     mechanism, settings = sweeper.mechanism, sweeper.settings
     edges = settings.regions
     unit = mechanism.volume_unit
-    names = [c.name for c in mechanism.pose]
-    ends = zip(design.lower.tolist(), (design.lower + design.width).tolist(), strict=True)
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
     units |= {"volume": unit, "gci": ONE, "lci": ONE, "share": ONE, "min_lci": ONE}
@@ -424,7 +422,7 @@ def _result(
         seed=sweeper.seed,
         grid=settings.grid,
         replicates=tallies.reachable.shape[1],
-        box=dict(zip(names, ends, strict=True)),
+        box=dict(design.given),
         limits=dict(design.limits),
         settings=settings,
         volume=estimates.volume,

@@ -221,6 +221,7 @@ def _certify(
     mechanism: Mechanism, parameters: Parameters, settings: WorkspaceSettings, gap: float,
     time_budget: float | None, out: Path | None, force: bool, form: str, quiet: bool,
 ) -> None:  # fmt: skip
+    from pmopt.analysis.emptiness import nothing_reachable
     from pmopt.reporting import certify_run
 
     notify = notifier(quiet)
@@ -230,3 +231,5 @@ def _certify(
     emit(form, result.to_dict(), certify_run.volume_tables(result))
     if out is not None:
         notify(f"written to {out}")
+    if result.empty:
+        raise nothing_reachable(mechanism, parameters, settings, "workspace")

@@ -19,6 +19,7 @@ from pmopt.analysis.capability import (
     check_limits,
     compute_capability,
 )
+from pmopt.analysis.emptiness import require_reachable
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
@@ -39,6 +40,7 @@ from pmopt.reporting.canvas import (
 from pmopt.reporting.fields import Section, section_fields
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
+from pmopt.units import exact
 
 #: Colours end at twice what the motors have.
 _MOST = 2.0
@@ -125,9 +127,19 @@ def run_capability(
     threads: int | None = None,
     notify: Callable[[str], None] | None = None,
 ) -> Capability:
-    """Sample demands and the capable region and, with ``out``, write the run's folder."""
+    """Sample demands and the capable region and, with ``out``, write the run's folder.
+
+    Raises
+    ------
+    InfeasibleError
+        When nothing is reachable, with what rules it out.
+    """
     folder = RunFolder(out, force) if out is not None else None
     result = compute(asked, threads, notify)
+    require_reachable(
+        result.reachable, asked.mechanism, asked.parameters, asked.settings, "capability",
+        result.samples,
+    )  # fmt: skip
     if folder is None:
         return result
     drawn = draw_capability(asked, result, threads)
@@ -166,16 +178,13 @@ def capability_tables(result: Capability) -> list[Table]:
         rows.append((demand.name, demand.unit, demand.limit,
                      *(cell(value) for pair in pairs for value in pair)))  # fmt: skip
         shown = [text for pair in pairs for text in with_error(*pair)]
-        display.append((demand.name, demand.unit, demand.limit, *shown))
+        limit = None if demand.limit is None else exact(demand.limit)
+        display.append((demand.name, demand.unit, limit, *shown))
     unit = result.units["volume"]
     units = {"volume": unit, "volume_error": unit}
     task = _task_text(result)
     percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
-    kept = (
-        f"all limits are kept in {format_estimate(result.capable)} {unit}, {percent} % of it"
-        if result.reachable
-        else "nothing of it was met"
-    )
+    kept = f"all limits are kept in {format_estimate(result.capable)} {unit}, {percent} % of it"
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
         f"task: {task}, in any direction",
@@ -192,7 +201,7 @@ def capability_tables(result: Capability) -> list[Table]:
 def _task_text(result: Capability) -> str:
     told = result.to_dict()["task"]
     parts = [
-        f"{k.replace('_', ' ')} {with_unit(f'{v:.4g}', result.units[k])}"
+        f"{k.replace('_', ' ')} {with_unit(exact(v), result.units[k])}"
         for k, v in told.items()
         if v
     ]
@@ -255,7 +264,7 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
         head = f"{result.mechanism}: {parameter_text(params, result.units)}"
         share = Estimate(100 * result.share.value, 100 * result.share.error)
         motors = ", ".join(
-            f"{k} {with_unit(f'{v:.4g}', result.units[k])}" for k, v in limits.items()
+            f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items()
         )
         told = [
             f"{_task_text(result)}, in any direction; limits: {motors}; kept in "

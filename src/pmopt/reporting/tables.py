@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.reporting.table import Cell, Table, with_error
-from pmopt.units import ONE
+from pmopt.units import ONE, exact, span_text
 
 if TYPE_CHECKING:
     from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult
@@ -89,7 +89,7 @@ def _default_limits(m: Mechanism) -> list[str]:
     """Return the limits that hold unless others are given, in words, for the default design."""
     units = {c.name: m.unit(c) for c in m.limited}
     limits = m.default_limits(m.resolve({}))
-    return [f"{k}: {low:.6g} .. {high:.6g} {units[k]}" for k, (low, high) in limits.items()]
+    return [f"{k}: {span_text(ends, units[k])}" for k, ends in limits.items()]
 
 
 def mechanism_tables(m: Mechanism) -> list[Table]:
@@ -99,7 +99,7 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
             p.name,
             m.unit(p),
             p.default,
-            "-" if p.bounds is None else f"{p.bounds[0]:g} .. {p.bounds[1]:g}",
+            "-" if p.bounds is None else f"{exact(p.bounds[0])} .. {exact(p.bounds[1])}",
             p.meaning,
             p.source,
         )

@@ -164,9 +164,7 @@ def workspace(
             found, params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
             cluster=cluster,
         )  # fmt: skip
-    require_reachable(
-        result.reachable, found, result.params, checked, "workspace", result.samples
-    )
+    require_reachable(result.reachable, found, result.params, checked, "workspace", result.samples)
     return result
 
 

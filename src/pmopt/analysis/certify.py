@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.emptiness import explain
 from pmopt.analysis.enclosures import Enclosure, enclose
+from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
-from pmopt.analysis.workspace import index_note, mixed_units
+from pmopt.analysis.workspace import entry_units, index_note
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
@@ -50,11 +51,12 @@ _COVER = 0.2
 _FALLING = 0.9
 #: Backward error of a determinant up to order 6: n^3 EPS times a growth of at most 2^(n - 1).
 _BACKWARD = 1e-11
-#: Settings of a workspace that nothing is proven for, and their values that change nothing.
-_UNPROVEN = {
-    "link_diameter": None, "platform_diameter": None, "cone_angle": None, "tool": None,
-    "aspect": None, "block": None,
-}  # fmt: skip
+_INSTEAD = "nothing is sampled, and proven with a working mode, a domain and limits of joints"
+#: Of a claim about the index, and of one that no pose is singular.
+READS = Reads(
+    "certify", PLACE | INDEX | {"min_lci"}, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=_INSTEAD
+)
+VOLUME_READS = Reads("certify", PLACE, instead=_INSTEAD)
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,7 @@ def certify_volume(
             f"certify: min_lci={settings.min_lci} is not allowed: the volume is proven of all "
             "reachable poses; pmopt certify --min-lci proves the index over a box"
         )
-    sweeper, design = _prepared(mechanism, params, settings, notify)
+    sweeper, design = _prepared(mechanism, params, settings, VOLUME_READS, notify)
     found = _Boxes(0) if design.box_volume == 0 else None
     scale = Fraction(0)
     stopped: Stop = "gap"
@@ -380,15 +382,11 @@ def _prepared(
     mechanism: Mechanism,
     params: Mapping[str, Any] | None,
     settings: WorkspaceSettings,
+    reads: Reads,
     notify: Notify | None,
 ) -> tuple[Sweeper, Design]:
     """Return a sweeper and its design, settings that nothing is proven for refused."""
-    for name, idle in _UNPROVEN.items():
-        if getattr(settings, name) != idle:
-            raise InputError(
-                f"certify: {name}={getattr(settings, name)} is not allowed: what is proven holds "
-                "with a working mode, a domain and limits of joints"
-            )
+    reads.check(settings)
     sweeper = Sweeper(mechanism, settings, notify=notify, where="certify")
     return sweeper, sweeper.design(mechanism.resolve(params or {}))
 
@@ -532,7 +530,7 @@ def certify_claim(
     began = _started(time_budget)
     settings = settings or WorkspaceSettings()
     least = settings.min_lci
-    sweeper, design = _prepared(mechanism, params, settings, notify)
+    sweeper, design = _prepared(mechanism, params, settings, READS, notify)
     verdict: Verdict = "empty" if design.void else "undecided"
     stopped: Ended = "proven" if design.void else "edge"
     witness, index, examined, share = None, None, 0, 0.0 if design.void else 1.0
@@ -564,7 +562,7 @@ def certify_claim(
         working_mode=sweeper.working_mode,
         norm=settings.norm,
         index_note=index_note(
-            sweeper.jacobian, design.length, mechanism.length_unit, mixed_units(mechanism)
+            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
         box=dict(design.given),
         limits=dict(design.limits),
@@ -608,9 +606,7 @@ class _Search:
         self.reached = dict.fromkeys(("in", "out", "edge"), False)
         self._unsure: list[tuple[Array, Array]] = []
 
-    def run(
-        self, began: float, budget: float, progress: Progress | None
-    ) -> tuple[Verdict, Ended]:
+    def run(self, began: float, budget: float, progress: Progress | None) -> tuple[Verdict, Ended]:
         """Return the verdict and why the search ended."""
         verdict, stopped = self._hold(began, budget, progress)
         if verdict == "proven" and not self.reached["in"]:

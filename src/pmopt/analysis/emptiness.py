@@ -233,7 +233,8 @@ class _Question:
         poses = found.poses[:, ::step]
         tools = [c.name for c in TOOL]
         if one.name in tools:
-            return found.sweeper.probe(found.design, poses).tool[:, tools.index(one.name)]
+            places: NDArray[np.float64] = found.sweeper.probe(found.design, poses).tool
+            return places[:, tools.index(one.name)]
         values = []
         for column in poses.T.tolist():
             pose = dict(zip(names, column, strict=True))

@@ -22,6 +22,7 @@ from pmopt.analysis.families import Family, find_families
 from pmopt.analysis.kinematics import homogenize, of_limb
 from pmopt.analysis.measures import KINDS, branch_at, measures_at
 from pmopt.analysis.projection import replicate
+from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
 from pmopt.analysis.warmup import warm_up
@@ -29,6 +30,13 @@ from pmopt.mechanisms.base import Mechanism, Parameters, Vector
 from pmopt.units import ONE, exact
 
 DEFAULT_SAMPLES = 1 << 18
+#: Settings that change what is found; its own grid is that of the aspects.
+READS = Reads(
+    "singularities",
+    PLACE | INDEX | CHECKS | {"min_lci", "sampler", "samples", "replicates"},
+    {"tool": TOOL_NEEDS},
+    {"sampler": ("lines",)},
+)
 #: Aspects of less than this share of the workspace are specks of the grid.
 _SPECK = 1e-3
 #: Reachable poses at which each limb's measures are evaluated one by one.
@@ -167,7 +175,7 @@ def find_singularities(
     params : mapping, optional
         Design parameters; those left out take their defaults.
     settings : WorkspaceSettings, optional
-        ``samples`` are the poses behind the volumes of aspects.
+        ``samples`` are the poses behind the volumes of aspects; :data:`READS` is what is read.
     seed : int
     threads : int, optional
         The result is the same for any number.
@@ -177,11 +185,14 @@ def find_singularities(
 
     Raises
     ------
+    InputError
+        For settings that are not read.
     InfeasibleError
         When nothing is reachable, with what rules it out.
     """
     settings = settings or WorkspaceSettings()
-    sweeper = Sweeper(mechanism, settings, seed, threads, notify)
+    READS.check(settings)
+    sweeper = Sweeper(mechanism, settings, seed, threads, notify, where="singularities")
     warm_up([sweeper], sweeper.threads)
     design = sweeper.design(mechanism.resolve(params or {}))
     if design.box_volume == 0:

@@ -140,6 +140,7 @@ def workspace_command(
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
     from pmopt.analysis.validation import validated
+    from pmopt.analysis.workspace import DEFAULT_SEED
     from pmopt.cluster import connect
     from pmopt.reporting import tables, workspace_run
     from pmopt.reporting.tasks import WorkspaceTask
@@ -170,7 +171,9 @@ def workspace_command(
     )
     if certify is not None:
         unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
-                  "target-error": target_error, "regions": regions, "jacobian": kind,
+                  "seed": None if seed == DEFAULT_SEED else seed,
+                  "norm": None if norm == "2" else norm, "target-error": target_error,
+                  "regions": regions, "jacobian": kind,
                   "characteristic-length": characteristic_length, "shape-grid": shape_grid,
                   "dry-run": dry_run or None, "resume": resume or None,
                   "scheduler": scheduler}  # fmt: skip

@@ -263,9 +263,7 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
         params = {k: v for k, v in result.params.items() if v is not None}
         head = f"{result.mechanism}: {parameter_text(params, result.units)}"
         share = Estimate(100 * result.share.value, 100 * result.share.error)
-        motors = ", ".join(
-            f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items()
-        )
+        motors = ", ".join(f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items())
         told = [
             f"{_task_text(result)}, in any direction; limits: {motors}; kept in "
             f"{format_estimate(share)} % of the volume", f"working mode {result.working_mode}",

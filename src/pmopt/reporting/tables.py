@@ -190,8 +190,8 @@ def jacobian_tables(result: JacobianResult) -> list[Table]:
             ("translational", result.lci_translational), ("rotational", result.lci_rotational),
         ) if value is not None),
         ("characteristic_length", result.characteristic_length, unit),
-        *((f"singular value {i}", float(v), "mixed" if "mixed" in result.units["singular_values"]
-           else "1") for i, v in enumerate(() if values is None else values, start=1)),
+        *((f"singular value {i}", float(v), result.units["singular_values"].split(",")[0])
+          for i, v in enumerate(() if values is None else values, start=1)),
         *((f"distance to type 1, {k}", v, unit) for k, v in result.inverse_distance.items()),
         *((f"determinant type 1, {k}", v, "1") for k, v in result.inverse_measure.items()),
         *((f"determinant type 2, {k}", v, "1") for k, v in result.forward_measure.items()),

@@ -228,13 +228,14 @@ class _Question:
         """Return values of a coordinate or joint at reachable poses."""
         names = [c.name for c in self.mechanism.pose]
         if one.kind == "domain":
-            return found.poses[names.index(one.name)]
+            return np.asarray(found.poses[names.index(one.name)])
         step = max(1, found.poses.shape[1] // _PROBES)
         poses = found.poses[:, ::step]
         tools = [c.name for c in TOOL]
         if one.name in tools:
             places: NDArray[np.float64] = found.sweeper.probe(found.design, poses).tool
-            return places[:, tools.index(one.name)]
+            met: NDArray[np.float64] = places[:, tools.index(one.name)]
+            return met
         values = []
         for column in poses.T.tolist():
             pose = dict(zip(names, column, strict=True))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.capability import (
     SHARES,
+    SIZES,
     Capability,
     Demands,
     Task,
@@ -47,8 +48,6 @@ _MOST = 2.0
 _RESOLUTION = 160
 #: Red is taken.
 _SINGULAR = "#1f3bff"
-#: Fields of a :class:`Task` that are plain sizes, in order.
-_SIZES = ("speed", "acceleration", "turn", "angular_acceleration", "force")
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class CapabilityTask:
             "parameters": dict(self.parameters),
             "workspace": self.settings.model_dump(mode="json"),
             "task": {
-                **{k: getattr(self.task, k) for k in _SIZES},
+                **{k: getattr(self.task, k) for k in SIZES},
                 "payload": 0.0 if payload is None else payload.mass,
                 "payload_centre": [0.0] * 3 if payload is None else payload.centre.tolist(),
             },
@@ -94,9 +93,9 @@ class CapabilityTask:
             return cls(
                 mechanism,
                 mechanism.resolve(document["parameters"]),
-                validated(WorkspaceSettings, document["workspace"], where),
+                validated(WorkspaceSettings, {**document["workspace"], "samples": None}, where),
                 Task(
-                    **{k: float(task[k]) for k in _SIZES},
+                    **{k: float(task.get(k, 0.0)) for k in SIZES},
                     payload=payload if payload.mass else None,
                 ),
                 check_limits(mechanism, document["limits"], where),
@@ -187,7 +186,8 @@ def capability_tables(result: Capability) -> list[Table]:
     kept = f"all limits are kept in {format_estimate(result.capable)} {unit}, {percent} % of it"
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
-        f"task: {task}, in any direction",
+        f"task: {task}",
+        *result.task.moved(find(result.mechanism)),
         f"reachable volume {format_estimate(result.volume)} {unit}; {kept}",
     ]
     return [
@@ -265,7 +265,8 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
         share = Estimate(100 * result.share.value, 100 * result.share.error)
         motors = ", ".join(f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items())
         told = [
-            f"{_task_text(result)}, in any direction; limits: {motors}; kept in "
+            "; ".join([_task_text(result), *result.task.moved(find(result.mechanism))]),
+            f"limits: {motors}; kept in "
             f"{format_estimate(share)} % of the volume", f"working mode {result.working_mode}",
             *remarks, "black lines: limits just enough, blue lines: singular",
         ]  # fmt: skip

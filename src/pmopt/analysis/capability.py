@@ -459,10 +459,10 @@ def compute_capability(
         for share in SHARES:
             each = [float(np.quantile(v[k], share)) for v in found if v.shape[1]]
             value = float(np.quantile(joined, share)) if joined.size else math.nan
-            levels.append(Estimate(value, _error(each)))
+            levels.append(Estimate(value, _error(each, value)))
         enough = Estimate(math.nan, math.nan)
         if name in given:
-            enough = _mean([part * int((v[k] <= bounds[k]).sum()) for v in found])
+            enough = _mean([part * int((v[k] <= bounds[k]).sum()) for v in found], part)
         demands.append(Demand(name, asked.units[name], given.get(name), tuple(levels), enough))
     length = unit_of("length", mechanism.length_unit)
     units = {
@@ -479,32 +479,45 @@ def compute_capability(
         "payload": "kg",
     }
     shares = [c / w for c, w in zip(capable, whole, strict=True) if w]
-    total = sum(whole)
+    total, met = sum(whole), sum(values.shape[1] for values in found)
+    share = Estimate(math.nan, math.nan)
+    if met:
+        value = sum(capable) / total
+        share = Estimate(value, max(_error(shares, value), 1 / met))
     return Capability(
         mechanism=mechanism.name,
         params=dict(parameters),
         working_mode=mode,
         task=task,
-        volume=_mean(whole),
-        capable=_mean(capable),
-        share=Estimate(sum(capable) / total if total else math.nan, _error(shares)),
+        volume=_mean(whole, part),
+        capable=_mean(capable, part),
+        share=share,
         demands=tuple(demands),
         samples=REPLICATES * count,
-        reachable=sum(values.shape[1] for values in found),
+        reachable=met,
         seed=seed,
         units=units,
     )
 
 
-def _error(values: Sequence[float]) -> float:
-    """Return the standard error of the mean of replicates."""
+def _error(values: Sequence[float], pooled: float) -> float:
+    """Return the standard error of what all replicates together give, from that of each.
+
+    That of their mean, raised by what an error from few replicates misses (the standard deviation
+    of Student's t), and how far the mean is from the pooled value: quantiles of few points are
+    biased.
+    """
     finite = np.array(values)
-    if len(finite) < 2 or not np.isfinite(finite).all():
+    count = len(finite)
+    if count < 4 or not np.isfinite([*finite, pooled]).all():
         return math.nan
-    spread = float(finite.std(ddof=1))
+    spread = float(finite.std(ddof=1)) * math.sqrt((count - 1) / (count - 3) / count)
+    error = math.hypot(spread, float(finite.mean()) - pooled)
     # What is the same everywhere differs by rounding.
-    return spread / math.sqrt(len(finite)) if spread > 1e-12 * np.abs(finite).max() else 0.0
+    return error if error > 1e-12 * np.abs(finite).max() else 0.0
 
 
-def _mean(values: Sequence[float]) -> Estimate:
-    return Estimate(float(np.mean(values)), _error(values))
+def _mean(values: Sequence[float], point: float) -> Estimate:
+    """Return the mean of volumes; its error is at least one point, the sample's resolution."""
+    value = float(np.mean(values))
+    return Estimate(value, max(_error(values, value), point / len(values)))

@@ -74,19 +74,21 @@ if TYPE_CHECKING:
     "--link-diameter",
     type=float,
     metavar="X",
-    help="Links are capsules of this diameter that must not meet.",
+    help="Links (limbs and cranks, joint to joint) are capsules of this diameter that must not "
+    "meet those of other limbs.",
 )
 @click.option(
     "--platform-diameter",
     type=float,
     metavar="X",
-    help="Of the platform's spokes and the tool; default: the links'.",
+    help="Of the platform's spokes, centre to limb, and the tool; default: the links'.",
 )
 @click.option(
     "--cone-angle",
     type=float,
     metavar="RAD",
-    help="Largest angle of passive U and S joints from their direction at home.",
+    help="Largest angle of the link at passive U and S joints from its direction at home, seen "
+    "from base or platform.",
 )
 @click.option(
     "--tool",

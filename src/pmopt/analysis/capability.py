@@ -480,10 +480,10 @@ def compute_capability(
     }
     shares = [c / w for c, w in zip(capable, whole, strict=True) if w]
     total, met = sum(whole), sum(values.shape[1] for values in found)
-    share = Estimate(math.nan, math.nan)
+    part_kept = Estimate(math.nan, math.nan)
     if met:
         value = sum(capable) / total
-        share = Estimate(value, max(_error(shares, value), 1 / met))
+        part_kept = Estimate(value, max(_error(shares, value), 1 / met))
     return Capability(
         mechanism=mechanism.name,
         params=dict(parameters),
@@ -491,7 +491,7 @@ def compute_capability(
         task=task,
         volume=_mean(whole, part),
         capable=_mean(capable, part),
-        share=share,
+        share=part_kept,
         demands=tuple(demands),
         samples=REPLICATES * count,
         reachable=met,

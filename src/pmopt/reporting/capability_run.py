@@ -183,12 +183,14 @@ def capability_tables(result: Capability) -> list[Table]:
     units = {"volume": unit, "volume_error": unit}
     task = _task_text(result)
     percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
-    kept = f"all limits are kept in {format_estimate(result.capable)} {unit}, {percent} % of it"
+    kept = ""
+    if any(demand.limit is not None for demand in result.demands):
+        kept = f"; all limits are kept in {format_estimate(result.capable)} {unit}, {percent} %"
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
         f"task: {task}",
         *result.task.moved(find(result.mechanism)),
-        f"reachable volume {format_estimate(result.volume)} {unit}; {kept}",
+        f"reachable volume {format_estimate(result.volume)} {unit}{kept}",
     ]
     return [
         Table(

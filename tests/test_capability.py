@@ -277,7 +277,7 @@ def test_what_moves_is_said(tmp_path):
     assert "speed: of the vector of x, y in any direction" in told
     document = json_answer("capability", "3-cur", "--point-speed", 1, "--samples", 4096,
                            cwd=tmp_path)  # fmt: skip
-    assert document["moved"][0].startswith("point speed: of the platform's centre")
+    assert document["moved"][0].startswith("point speed: the centre")
     assert document["units"]["rotation_acceleration"] == "rad/s^2"
     for words, why in (
         (["--speed", 1, "--point-speed", 1], "exclude each other"),

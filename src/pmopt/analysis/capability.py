@@ -125,12 +125,12 @@ class Task:
                     moves = f"of {names[kind] or 'none of the coordinates'} alone"
                 found.append(f"{given}: {moves}")
         for what, sizes in (
-            ("the platform's centre in any direction that it can move", _OF_PLATFORM[:2]),
-            ("the platform about any axis that it can turn about", _OF_PLATFORM[2:]),
+            ("the centre in any direction that it can move", _OF_PLATFORM[:2]),
+            ("about any axis that it can turn about", _OF_PLATFORM[2:]),
         ):
             given = " and ".join(s.replace("_", " ") for s in sizes if getattr(self, s))
             if given:
-                found.append(f"{given}: of {what}")
+                found.append(f"{given}: {what}")
         for first, second, words in (
             ("point_speed", "rotation_speed", "speed"),
             ("point_acceleration", "rotation_acceleration", "acceleration"),

@@ -267,7 +267,7 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
         share = Estimate(100 * result.share.value, 100 * result.share.error)
         motors = ", ".join(f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items())
         told = [
-            "; ".join([_task_text(result), *result.task.moved(find(result.mechanism))]),
+            "; ".join([_task_text(result), *result.task.moved(find(result.mechanism))[:2]]),
             f"limits: {motors}; kept in "
             f"{format_estimate(share)} % of the volume", f"working mode {result.working_mode}",
             *remarks, "black lines: limits just enough, blue lines: singular",

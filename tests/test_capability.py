@@ -11,6 +11,7 @@ import pmopt as package
 from pmopt.analysis.capability import Demands, Task, compute_capability
 from pmopt.analysis.dynamics import Mover
 from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.bodies import point_mass
 
@@ -155,14 +156,133 @@ def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
         assert told in error_line(here("capability", "2uu-upu", *words, cwd=tmp_path))
 
 
-def test_a_workspace_of_nothing_or_next_to_nothing(tmp_path):
+def test_nothing_reachable_or_next_to_nothing(tmp_path):
     words = ("capability", "2pauu-ppap", "--samples", "2000", "--motors", "theta1_rate=3")
-    document = json_answer(*words, "--params", "m=100", cwd=tmp_path)
-    assert document["reachable"] == 0
-    assert document["share"] == {"value": None, "standard_error": None}
-    told = here(*words, "--params", "m=100", cwd=tmp_path)
-    assert "nothing of it was met" in told.stdout
-    assert "nan" not in told.stdout
+    line = error_line(here(*words, "--params", "m=100", cwd=tmp_path), code=3)
+    assert "nothing is reachable: parameters: m=100 m leaves nothing" in line
     # Some replicates meet none of it.
     few = json_answer(*words, "--params", "n=0.85,l1=0.0083,c=0.082,m=1.131", cwd=tmp_path)
     assert 0 < few["reachable"] < 100
+
+
+# --- the platform itself --------------------------------------------------------------------
+
+
+def twist_maps(mover, mechanism, pose):
+    """Return A and W by central differences of the platform's place; see analysis.twists."""
+    d = len(pose)
+    factor = mover.si(mechanism.pose)
+    none = np.zeros((1, d))
+    columns = []
+    for k in range(d):
+        step = 1e-5 / factor[k]
+        ends = []
+        for sign in (1, -1):
+            at = pose.copy()
+            at[k] += sign * step
+            ends.append(mover.state(at[None], none, none).platform[0, 0])
+        rotations = [turned(*e[3:]) for e in ends]
+        spin = (rotations[0] - rotations[1]) @ turned(*(ends[0] + ends[1])[3:] / 2).T / 2e-5
+        columns.append([*((ends[0] - ends[1])[:3] / 2e-5), spin[2, 1], spin[0, 2], spin[1, 0]])
+    maps = np.array(columns).T
+    return maps[:3], maps[3:]
+
+
+def turned(yaw, pitch, roll):
+    a, b, c = np.cos([yaw, pitch, roll])
+    p, q, r = np.sin([yaw, pitch, roll])
+    return np.array([[a * b, a * q * r - p * c, a * q * c + p * r],
+                     [p * b, p * q * r + a * c, p * q * c - a * r],
+                     [-q, b * r, b * c]])  # fmt: skip
+
+
+def least_other(reached, kept, wanted):
+    """Return rates with ``reached x`` nearest to what is wanted, and least ``|kept x|``, slowly."""
+    heavy = np.vstack([1e7 * reached, kept])
+    return np.linalg.lstsq(heavy, np.concatenate([1e7 * wanted, np.zeros(3)]), rcond=1e-14)[0]
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_the_platform_in_any_direction_that_it_can_move(name):
+    """No motion of the sizes asks for more, and some for nearly as much, by brute force."""
+    mechanism = find(name)
+    parameters = mechanism.resolve({})
+    mode = mechanism.working_modes[0]
+    size = mechanism.characteristic_length(parameters)
+    bodies = mechanism.bodies(parameters)
+    mover = Mover(mechanism, parameters, mode, bodies)
+    si = mover.unit * size
+    rng = np.random.default_rng(7)
+    n = len(mechanism.joints)
+    for pose in course(name, T, swing=0.05)[0][1:3]:
+        point, turn = twist_maps(mover, mechanism, pose)
+
+        def asked(pose=pose, **task):
+            return Demands(mechanism, parameters, mode, Task(**task)).at(pose[:, None])[:, 0]
+
+        def moved(rates, pose=pose):
+            """Return the largest joint rates and efforts of pose rates in m and rad."""
+            x = np.array(rates) / mover.si(mechanism.pose)
+            state = mover.state(np.repeat(pose[None], len(x), axis=0), x, np.zeros_like(x))
+            joints = np.abs(state.joint_rates / mover.si(mechanism.joints)).max(axis=0)
+            return joints, np.abs(state.efforts).max(axis=0)
+
+        for reached, kept, task in (
+            (point, turn, {"point_speed": 0.4 * size}), (turn, point, {"rotation_speed": 0.5}),
+        ):  # fmt: skip
+            amount = 0.4 * si if reached is point else 0.5
+            rank = np.linalg.matrix_rank(reached, tol=1e-5 * np.linalg.norm(reached))
+            basis = np.linalg.svd(reached)[0][:, :rank]
+            draws = rng.standard_normal((600, rank)) if rank else np.zeros((1, 0))
+            draws /= np.linalg.norm(draws, axis=1, keepdims=True) + (0 if rank else 1)
+            rates = [least_other(reached, kept, amount * basis @ u) for u in draws]
+            joints, efforts = moved(rates)
+            found = asked(**task)
+            assert (joints <= found[:n] * (1 + 1e-4) + 1e-9).all(), (name, task)
+            assert (joints >= 0.85 * found[:n] - 1e-9).all(), (name, task)
+            assert (efforts <= found[n:] * (1 + 1e-4) + 1e-9).all(), (name, task)
+        # Both: rates in all directions, as large as one of the sizes allows.
+        x = rng.standard_normal((20_000, n))
+        x[::2] = x[::2] @ np.diag(1 / np.linalg.norm(np.vstack([point / (0.4 * si), turn / 0.5]),
+                                                     axis=0))  # fmt: skip
+        scale = np.maximum(np.linalg.norm(x @ point.T, axis=1) / (0.4 * si),
+                           np.linalg.norm(x @ turn.T, axis=1) / 0.5)  # fmt: skip
+        joints, efforts = moved(x / scale[:, None])
+        found = asked(point_speed=0.4 * size, rotation_speed=0.5)
+        assert (joints <= found[:n] * (1 + 1e-4)).all(), name
+        assert (joints >= 0.8 * found[:n]).all(), name
+        assert (efforts <= found[n:] * (1 + 1e-4) + 1e-9).all(), name
+
+
+def test_where_a_platform_only_translates_the_centre_is_the_pose():
+    mechanism = find("2pauu-ppap")
+    parameters = mechanism.resolve({})
+    poses = course("2pauu-ppap", T)[0].T
+
+    def asked(**task):
+        return Demands(mechanism, parameters, "out-out", Task(**task)).at(poses)
+
+    np.testing.assert_allclose(
+        asked(point_speed=0.7, point_acceleration=3.0), asked(speed=0.7, acceleration=3.0),
+        rtol=1e-9,
+    )  # fmt: skip
+    still = asked()
+    np.testing.assert_array_equal(asked(rotation_speed=2.0, rotation_acceleration=2.0), still)
+
+
+def test_what_moves_is_said(tmp_path):
+    told = here("capability", "3-cur", "--speed", 1, "--samples", 4096, cwd=tmp_path).stdout
+    assert "speed: of z alone" in told
+    told = here("capability", "4-ups-rps", "--speed", 1, "--samples", 4096, cwd=tmp_path).stdout
+    assert "speed: of the vector of x, y in any direction" in told
+    document = json_answer("capability", "3-cur", "--point-speed", 1, "--samples", 4096,
+                           cwd=tmp_path)  # fmt: skip
+    assert document["moved"][0].startswith("point speed: the centre")
+    assert document["units"]["rotation_acceleration"] == "rad/s^2"
+    for words, why in (
+        (["--speed", 1, "--point-speed", 1], "exclude each other"),
+        (["--payload-centre", "0,0,1"], "payload only"),
+    ):
+        assert why in error_line(here("capability", "3-cur", *words, cwd=tmp_path))
+    with pytest.raises(InputError, match="nearest: speed"):
+        package.capability("3-cur", speeed=1.0)

@@ -541,7 +541,7 @@ def test_claim_out_of_time_is_undecided():
 
 def test_claim_about_nothing():
     claim = api.certify("2pauu-ppap", domain={"x": (1.9, 2.0), "z": (1.9, 2.0)}, min_lci=0.9)
-    assert (claim.verdict, claim.reachable) == ("proven", "none")
+    assert (claim.verdict, claim.reachable) == ("empty", "none")
 
 
 # --- command line -------------------------------------------------------------------------

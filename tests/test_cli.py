@@ -498,10 +498,9 @@ def test_workspace_by_grid_and_to_a_target_error(tmp_path):
 
 
 def test_workspace_with_nothing_in_it(tmp_path):
-    document = json_answer("workspace", MECH, *SMALL, "--domain", "z=50:51", cwd=tmp_path)
-    assert document["volume"]["value"] == 0.0
-    assert document["gci"]["value"] is None
-    assert document["reachable"] == 0
+    result = here("workspace", MECH, *SMALL, "--domain", "z=50:51", cwd=tmp_path)
+    assert result.stdout == ""
+    assert "nothing is reachable: domain: z=50:51 m" in error_line(result, code=3)
 
 
 @pytest.mark.parametrize("end", ["-inf:1", "-1:inf"])

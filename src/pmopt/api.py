@@ -15,6 +15,7 @@ from pmopt.analysis.kinematics import (
     jacobian_at,
 )
 from pmopt.analysis.validation import validated
+from pmopt.errors import unknown_name
 from pmopt.mechanisms import Mechanism, find, names
 
 if TYPE_CHECKING:
@@ -151,17 +152,26 @@ def workspace(
     **settings
         Fields of :class:`pmopt.analysis.settings.WorkspaceSettings`: ``samples``, ``sampler``,
         ``grid``, ``target_error``, ``working_mode``, ``norm``, ``jacobian``, ``domain``, ..
+
+    Raises
+    ------
+    pmopt.errors.InfeasibleError
+        When nothing is reachable, with what rules it out.
     """
+    from pmopt.analysis.emptiness import require_reachable
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.workspace import compute_workspace
     from pmopt.cluster import connect
 
-    checked = validated(WorkspaceSettings, settings, "workspace", find(mechanism).units)
+    found = find(mechanism)
+    checked = validated(WorkspaceSettings, settings, "workspace", found.units)
     with connect(scheduler) as cluster:
-        return compute_workspace(
-            find(mechanism), params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
+        result = compute_workspace(
+            found, params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
             cluster=cluster,
         )  # fmt: skip
+    require_reachable(result.reachable, found, result.params, checked, "workspace", result.samples)
+    return result
 
 
 def certify_volume(
@@ -332,29 +342,48 @@ def capability(
     motors : mapping, optional
         ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m) that there are.
     payload : float
-        kg, at ``payload_centre`` in the platform's frame and the length unit.
+        kg, at ``payload_centre`` in the platform's frame and the length unit; the centre needs one.
     samples, seed, threads
         Sample points, their seed, and threads, which change nothing.
     workspace : mapping, optional
-        Settings of the workspace: domain, limits, working_mode.
+        Settings of the workspace: domain, limits, working_mode and what else
+        :data:`pmopt.analysis.capability.READS` names.
     **task : float
-        ``speed``, ``acceleration``, ``turn``, ``angular_acceleration``, ``force``; see
-        :class:`pmopt.analysis.capability.Task`.
+        ``speed``, ``acceleration``, ``turn``, ``angular_acceleration`` of the pose's coordinates,
+        or ``point_speed``, ``point_acceleration``, ``rotation_speed``, ``rotation_acceleration``
+        of the platform; ``force``; see :class:`pmopt.analysis.capability.Task`.
+
+    Raises
+    ------
+    pmopt.errors.InfeasibleError
+        When nothing is reachable, with what rules it out.
     """
-    from pmopt.analysis.capability import Task, compute_capability
+    from pmopt.analysis.capability import SIZES, Task, check_payload, compute_capability
+    from pmopt.analysis.emptiness import require_reachable
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.mechanisms.bodies import point_mass
 
     found = find(mechanism)
+    for name in task:
+        if name not in SIZES:
+            raise unknown_name("capability", name, SIZES)
+    check_payload(payload, payload_centre, "capability: payload_centre")
     load = point_mass(payload, payload_centre) if payload else None
-    return compute_capability(
+    settings = validated(
+        WorkspaceSettings, dict(workspace or {}), "capability: workspace", found.units
+    )
+    result = compute_capability(
         found,
         found.resolve(params or {}),
-        validated(WorkspaceSettings, dict(workspace or {}), "workspace", found.units),
+        settings,
         Task(**task, payload=load),
         motors or {},
         samples=samples, seed=seed, threads=threads,
     )  # fmt: skip
+    require_reachable(
+        result.reachable, found, result.params, settings, "capability", result.samples
+    )
+    return result
 
 
 def motion(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> MotionRun:

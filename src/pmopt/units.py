@@ -62,3 +62,13 @@ def per_second(unit: str, order: int = 1) -> str:
 def effort_unit(kind: Kind) -> str:
     """Return the unit of a force along a length or of a torque about an angle."""
     return "N" if kind == "length" else "N m"
+
+
+def exact(value: float) -> str:
+    """Return a number as it was given: the shortest text that reads back as the same double."""
+    return repr(float(value)).removesuffix(".0")
+
+
+def span_text(ends: tuple[float, float], unit: str) -> str:
+    """Return a range as it was given, ``-0.1 .. 0.1 m``."""
+    return f"{exact(ends[0])} .. {exact(ends[1])} {unit}"

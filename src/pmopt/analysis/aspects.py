@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
-from pmopt.errors import InfeasibleError, InputError
+from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism, Vector
 from pmopt.numerics import sequences
 from pmopt.numerics.compiled import Compiled
 from pmopt.numerics.specialise import ENTRIES
+from pmopt.units import exact
 
 #: Cells along each axis by number of pose coordinates: some hundred thousand cells in all.
 CELLS = {1: 4096, 2: 512, 3: 72, 4: 26, 5: 14, 6: 9}
@@ -276,8 +277,10 @@ def require_home(sweeper: Sweeper, design: Design) -> None:
     if not isinstance(sweeper, FieldSweeper) or sweeper.settings.aspect is None:
         return
     if design.box_volume == 0:
-        raise InfeasibleError("aspect: nothing is reachable")
+        from pmopt.analysis.emptiness import nothing_reachable  # it samples aspects itself
+
+        raise nothing_reachable(sweeper.mechanism, design.parameters, sweeper.settings, "aspect")
     if sweeper._home(design)[1] == 0:
         home = sweeper.mechanism.home(design.parameters)
-        shown = ",".join(f"{k}={v:g}" for k, v in home.items())
+        shown = ",".join(f"{k}={exact(v)}" for k, v in home.items())
         raise InputError(f"aspect: the home pose {shown} is not within reach and limits")

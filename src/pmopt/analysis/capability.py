@@ -11,7 +11,8 @@ from its row of the inverse Jacobian R and of what efforts are linear in::
 with the columns of translational and rotational coordinates apart: the bounds of a sum of two
 independent directions. What is quadratic in the speeds (centrifugal and Coriolis terms) is bounded
 by its largest eigenvalues; every other term is attained. Speeds of angular coordinates are the
-rates of the pose's angles.
+rates of the pose's angles. With sizes of the platform itself (its centre's velocity, its angular
+velocity) directions are those of its twists at the pose; see :mod:`pmopt.analysis.twists`.
 """
 
 from __future__ import annotations
@@ -24,38 +25,63 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.dynamics import Mover
+from pmopt.analysis.dynamics import Mover, angular_motion
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.projection import reachable_poses, replicate
-from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, WITH_MIN_LCI, Reads
+from pmopt.analysis.settings import MAX_SAMPLES, WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.twists import Motions
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.quantities import QuantityError, as_quantity
-from pmopt.mechanisms.base import Mechanism, Parameters
+from pmopt.mechanisms import find
+from pmopt.mechanisms.base import Mechanism, Parameters, as_number
 from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.numerics.sequences import BLOCK
-from pmopt.units import ONE, effort_unit, unit_of
+from pmopt.units import METRES, ONE, effort_unit, unit_of
 
 Values = NDArray[np.float64]
 
 REPLICATES = 16
 DEFAULT_SAMPLES = 1 << 16
 SHARES = (0.5, 0.9, 0.95, 0.99)
+#: Fields of a :class:`Task` that are plain sizes: of coordinates, of the platform, and the force.
+_OF_COORDINATES = ("speed", "acceleration", "turn", "angular_acceleration")
+_OF_PLATFORM = ("point_speed", "point_acceleration", "rotation_speed", "rotation_acceleration")
+SIZES = (*_OF_COORDINATES, *_OF_PLATFORM, "force")
+_LARGEST = 1e9
+#: Settings of the workspace that change what is found.
+READS = Reads(
+    "capability",
+    PLACE | INDEX | CHECKS | {"min_lci", "sampler"},
+    {"tool": TOOL_NEEDS, **dict.fromkeys(INDEX, WITH_MIN_LCI)},
+    {"sampler": ("lines",)},
+    "samples, seed and threads stand beside the settings",
+)
 
 
 @dataclass(frozen=True)
 class Task:
     """What the platform is to do at every pose, in any direction.
 
+    Sizes of coordinates and sizes of the platform exclude each other.
+
     Attributes
     ----------
     speed, acceleration : float
-        Of translational coordinates, in the length unit per s and s^2.
+        Of the pose's translational coordinates, in the length unit per s and s^2: length of the
+        vector of their rates.
     turn, angular_acceleration : float
-        Of angular coordinates, rad/s and rad/s^2.
+        Of the pose's angular coordinates, rad/s and rad/s^2.
     force : float
         N, on the platform's centre.
     payload : MassProperties or None
+    point_speed, point_acceleration : float
+        Of the platform's centre in space, in any direction that it can move at a pose, what is
+        parasitic included; in the length unit per s and s^2.
+    rotation_speed, rotation_acceleration : float
+        Of the platform about any axis that it can turn about, rad/s and rad/s^2. Accelerations are
+        those that accelerations of the pose's coordinates add to what the speeds bring.
     """
 
     speed: float = 0.0
@@ -64,6 +90,59 @@ class Task:
     angular_acceleration: float = 0.0
     force: float = 0.0
     payload: MassProperties | None = None
+    point_speed: float = 0.0
+    point_acceleration: float = 0.0
+    rotation_speed: float = 0.0
+    rotation_acceleration: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in SIZES:
+            value = as_number(getattr(self, name))
+            if value is None or not 0 <= value < _LARGEST:
+                raise InputError(
+                    f"capability: {name}={getattr(self, name)} is not allowed: a number from 0 to "
+                    f"{_LARGEST:g} is needed"
+                )
+        mixed = [
+            [k for k in group if getattr(self, k)] for group in (_OF_COORDINATES, _OF_PLATFORM)
+        ]
+        if all(mixed):
+            raise InputError(
+                f"capability: {mixed[0][0]} and {mixed[1][0]} exclude each other: one is of the "
+                "pose's coordinates, the other of the platform"
+            )
+
+    def moved(self, mechanism: Mechanism) -> list[str]:
+        """Say in words what each size moves."""
+        names = {kind: ", ".join(c.name for c in mechanism.pose if c.kind == kind)
+                 for kind in ("length", "angle")}  # fmt: skip
+        found = []
+        for kind, sizes in (("length", ("speed", "acceleration")),
+                            ("angle", ("turn", "angular_acceleration"))):  # fmt: skip
+            given = " and ".join(s.replace("_", " ") for s in sizes if getattr(self, s))
+            if given:
+                moves = f"of the vector of {names[kind]} in any direction"
+                if "," not in names[kind]:
+                    moves = f"of {names[kind] or 'none of the coordinates'} alone"
+                found.append(f"{given}: {moves}")
+        for what, sizes in (
+            ("the centre in any direction that it can move", _OF_PLATFORM[:2]),
+            ("about any axis that it can turn about", _OF_PLATFORM[2:]),
+        ):
+            given = " and ".join(s.replace("_", " ") for s in sizes if getattr(self, s))
+            if given:
+                found.append(f"{given}: {what}")
+        for first, second, words in (
+            ("point_speed", "rotation_speed", "speed"),
+            ("point_acceleration", "rotation_acceleration", "acceleration"),
+        ):
+            sizes = getattr(self, first), getattr(self, second)
+            if all(sizes):
+                found.append(f"every motion with both {words}s within their sizes")
+            elif any(sizes):
+                found.append("with the least turning" if sizes[0] else "with the least motion of "
+                             "the centre")  # fmt: skip
+        return found
 
 
 @dataclass(frozen=True)
@@ -128,13 +207,10 @@ class Capability:
             "params": dict(self.params),
             "working_mode": self.working_mode,
             "task": {
-                "speed": self.task.speed,
-                "acceleration": self.task.acceleration,
-                "turn": self.task.turn,
-                "angular_acceleration": self.task.angular_acceleration,
-                "force": self.task.force,
+                **{name: getattr(self.task, name) for name in SIZES},
                 "payload": 0.0 if payload is None else payload.mass,
             },
+            "moved": self.task.moved(find(self.mechanism)),
             "volume": told(self.volume),
             "capable": told(self.capable),
             "share": told(self.share),
@@ -172,6 +248,7 @@ class Demands:
             own = (*own, task.payload.body("payload", source="given"))
         self.mechanism = mechanism
         self.task = task
+        self._length = mechanism.characteristic_length(parameters) * METRES[mechanism.length_unit]
         self._mover = Mover(mechanism, parameters, working_mode, own, None, threads, notify)
 
     @property
@@ -220,26 +297,43 @@ class Demands:
             (~angular, task.acceleration * unit), (angular, task.angular_acceleration)
         ):  # fmt: skip
             effort = effort + size * np.linalg.norm(linear[:, :, columns], axis=2)
-        if task.speed or task.turn or task.force:
-            form, places = self._quadratic(given, rest.efforts, factor)
+        if any(getattr(task, k) for k in ("speed", "turn", "force", *_OF_PLATFORM)):
+            form, places, turns = self._quadratic(given, rest.efforts, factor)
             effort = effort + _largest(form, sizes)
+            speeds, changes = (
+                Motions(places, turns, moved * unit, turned, self._length)
+                for moved, turned in (
+                    (task.point_speed, task.rotation_speed),
+                    (task.point_acceleration, task.rotation_acceleration),
+                )
+            )
+            rate = rate + speeds.most(inverse)
+            effort = effort + speeds.most_quadratic(form) + changes.most(linear)
             pressed = transposed @ places.transpose(0, 2, 1)
             effort = effort + task.force * np.linalg.norm(pressed, axis=2)
         rate = rate / mover.si(mechanism.joints)
         found = np.concatenate([rate, effort], axis=1).T
         return np.where(np.isfinite(found), found, np.inf)
 
-    def _quadratic(self, poses: Values, weight: Values, factor: Values) -> tuple[Values, Values]:
-        """Return efforts as quadratic forms of the pose's rates (N, n, d, d), and dP/dX (N, 3, d).
+    def _quadratic(
+        self, poses: Values, weight: Values, factor: Values
+    ) -> tuple[Values, Values, Values]:
+        """Return efforts as quadratic forms of the pose's rates, and how the platform moves.
 
         From the efforts at unit rates: each alone, and each pair together.
+
+        Returns
+        -------
+        form : (N, n, d, d) float64
+        places, turns : (N, 3, d) float64
+            Velocity of the platform's centre and angular velocity at unit rates; 0 if not known.
         """
         mover = self._mover
         count, d = poses.shape
         n = weight.shape[1]
         none = np.zeros_like(poses)
         form = np.empty((count, n, d, d))
-        places = np.empty((count, 3, d))
+        places, turns = np.empty((count, 3, d)), np.empty((count, 3, d))
 
         def asked(*which: int) -> Values:
             rates = none.copy()
@@ -247,6 +341,7 @@ class Demands:
             state = mover.state(poses, rates, none)
             if len(which) == 1:
                 places[:, :, which[0]] = state.platform[:, 1, :3]
+                turns[:, :, which[0]] = angular_motion(state.platform)[:, 0]
             return state.efforts - weight
 
         for i in range(d):
@@ -255,7 +350,7 @@ class Demands:
             for j in range(i):
                 both = (asked(i, j) - form[:, :, i, i] - form[:, :, j, j]) / 2
                 form[:, :, i, j] = form[:, :, j, i] = both
-        return form, places
+        return form, np.nan_to_num(places), np.nan_to_num(turns)
 
 
 def _largest(form: Values, sizes: list[tuple[NDArray[np.bool_], float]]) -> Values:
@@ -298,6 +393,17 @@ def check_limits(mechanism: Mechanism, limits: Mapping[str, Any], where: str) ->
     return checked
 
 
+def check_payload(mass: float, centre: Sequence[float], where: str) -> None:
+    """Refuse a place of a payload without mass, which changes nothing.
+
+    Raises
+    ------
+    InputError
+    """
+    if not mass and any(centre):
+        raise InputError(f"{where}={list(centre)} is read together with a payload only")
+
+
 def compute_capability(
     mechanism: Mechanism,
     parameters: Parameters,
@@ -319,14 +425,25 @@ def compute_capability(
     parameters : mapping
         Complete and checked.
     settings : WorkspaceSettings
-        Domain, joint limits and working mode of the workspace.
+        Domain, limits and working mode of the workspace; :data:`READS` is what is read.
     task : Task
     limits : mapping
         ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m), each a size; those
         left out are not limited.
     samples : int
         In all replicates, rounded up to whole blocks.
+
+    Raises
+    ------
+    InputError
+        For settings that are not read, unknown names and values out of range.
     """
+    READS.check(settings)
+    if not (isinstance(samples, int) and 16 <= samples <= MAX_SAMPLES):
+        raise InputError(
+            f"capability: samples={samples} is not allowed: a whole number from 16 to "
+            f"{MAX_SAMPLES} is needed"
+        )
     given = check_limits(mechanism, limits, "capability")
     mode = mechanism.check_mode(settings.working_mode)
     sweeper = Sweeper(mechanism, settings, seed, threads, notify, where="capability")
@@ -349,10 +466,10 @@ def compute_capability(
         for share in SHARES:
             each = [float(np.quantile(v[k], share)) for v in found if v.shape[1]]
             value = float(np.quantile(joined, share)) if joined.size else math.nan
-            levels.append(Estimate(value, _error(each)))
+            levels.append(Estimate(value, _error(each, value)))
         enough = Estimate(math.nan, math.nan)
         if name in given:
-            enough = _mean([part * int((v[k] <= bounds[k]).sum()) for v in found])
+            enough = _mean([part * int((v[k] <= bounds[k]).sum()) for v in found], part)
         demands.append(Demand(name, asked.units[name], given.get(name), tuple(levels), enough))
     length = unit_of("length", mechanism.length_unit)
     units = {
@@ -361,40 +478,53 @@ def compute_capability(
         "volume": mechanism.volume_unit,
         "capable": mechanism.volume_unit,
         "share": "1",
-        "speed": f"{length}/s",
-        "acceleration": f"{length}/s^2",
-        "turn": "rad/s",
-        "angular_acceleration": "rad/s^2",
+        **dict.fromkeys(("speed", "point_speed"), f"{length}/s"),
+        **dict.fromkeys(("acceleration", "point_acceleration"), f"{length}/s^2"),
+        **dict.fromkeys(("turn", "rotation_speed"), "rad/s"),
+        **dict.fromkeys(("angular_acceleration", "rotation_acceleration"), "rad/s^2"),
         "force": "N",
         "payload": "kg",
     }
     shares = [c / w for c, w in zip(capable, whole, strict=True) if w]
-    total = sum(whole)
+    total, met = sum(whole), sum(values.shape[1] for values in found)
+    part_kept = Estimate(math.nan, math.nan)
+    if met:
+        value = sum(capable) / total
+        part_kept = Estimate(value, max(_error(shares, value), 1 / met))
     return Capability(
         mechanism=mechanism.name,
         params=dict(parameters),
         working_mode=mode,
         task=task,
-        volume=_mean(whole),
-        capable=_mean(capable),
-        share=Estimate(sum(capable) / total if total else math.nan, _error(shares)),
+        volume=_mean(whole, part),
+        capable=_mean(capable, part),
+        share=part_kept,
         demands=tuple(demands),
         samples=REPLICATES * count,
-        reachable=sum(values.shape[1] for values in found),
+        reachable=met,
         seed=seed,
         units=units,
     )
 
 
-def _error(values: Sequence[float]) -> float:
-    """Return the standard error of the mean of replicates."""
+def _error(values: Sequence[float], pooled: float) -> float:
+    """Return the standard error of what all replicates together give, from that of each.
+
+    That of their mean, raised by what an error from few replicates misses (the standard deviation
+    of Student's t), and how far the mean is from the pooled value: quantiles of few points are
+    biased.
+    """
     finite = np.array(values)
-    if len(finite) < 2 or not np.isfinite(finite).all():
+    count = len(finite)
+    if count < 4 or not np.isfinite([*finite, pooled]).all():
         return math.nan
-    spread = float(finite.std(ddof=1))
+    spread = float(finite.std(ddof=1)) * math.sqrt((count - 1) / (count - 3) / count)
+    error = math.hypot(spread, float(finite.mean()) - pooled)
     # What is the same everywhere differs by rounding.
-    return spread / math.sqrt(len(finite)) if spread > 1e-12 * np.abs(finite).max() else 0.0
+    return error if error > 1e-12 * np.abs(finite).max() else 0.0
 
 
-def _mean(values: Sequence[float]) -> Estimate:
-    return Estimate(float(np.mean(values)), _error(values))
+def _mean(values: Sequence[float], point: float) -> Estimate:
+    """Return the mean of volumes; its error is at least one point, the sample's resolution."""
+    value = float(np.mean(values))
+    return Estimate(value, max(_error(values, value), point / len(values)))

@@ -17,18 +17,21 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.emptiness import explain
 from pmopt.analysis.enclosures import Enclosure, enclose
+from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
-from pmopt.analysis.workspace import index_note, mixed_units
+from pmopt.analysis.workspace import entry_units, index_note
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
-from pmopt.units import ONE
+from pmopt.units import ONE, exact
 
 Array = NDArray[np.float64]
 Stop = Literal["gap", "time budget", "boxes"]
-Verdict = Literal["proven", "refuted", "undecided"]
+Verdict = Literal["proven", "refuted", "undecided", "empty"]
+Ended = Literal["proven", "witness", "time budget", "boxes", "edge"]
 #: Called with a number that falls to 0 when the work is done, e.g. the gap.
 Progress = Callable[[float, float], None]
 
@@ -48,11 +51,12 @@ _COVER = 0.2
 _FALLING = 0.9
 #: Backward error of a determinant up to order 6: n^3 EPS times a growth of at most 2^(n - 1).
 _BACKWARD = 1e-11
-#: Settings of a workspace that nothing is proven for, and their values that change nothing.
-_UNPROVEN = {
-    "link_diameter": None, "platform_diameter": None, "cone_angle": None, "tool": None,
-    "aspect": None, "block": None,
-}  # fmt: skip
+_INSTEAD = "nothing is sampled, and proven with a working mode, a domain and limits of joints"
+#: Of a claim about the index, and of one that no pose is singular.
+READS = Reads(
+    "certify", PLACE | INDEX | {"min_lci"}, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=_INSTEAD
+)
+VOLUME_READS = Reads("certify", PLACE, instead=_INSTEAD)
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,11 @@ class CertifiedVolume:
     stopped: Stop
     volume_unit: str
     units: dict[str, str]
+
+    @property
+    def empty(self) -> bool:
+        """Whether it is proven that nothing is reachable."""
+        return self.upper == 0
 
     @property
     def note(self) -> str:
@@ -167,7 +176,7 @@ def certify_volume(
             f"certify: min_lci={settings.min_lci} is not allowed: the volume is proven of all "
             "reachable poses; pmopt certify --min-lci proves the index over a box"
         )
-    sweeper, design = _prepared(mechanism, params, settings, notify)
+    sweeper, design = _prepared(mechanism, params, settings, VOLUME_READS, notify)
     found = _Boxes(0) if design.box_volume == 0 else None
     scale = Fraction(0)
     stopped: Stop = "gap"
@@ -187,7 +196,7 @@ def certify_volume(
         params=dict(design.parameters),
         length_unit=mechanism.length_unit,
         working_mode=sweeper.working_mode,
-        box=_box(mechanism, design),
+        box=dict(design.given),
         limits=dict(design.limits),
         lower=lower,
         upper=upper,
@@ -373,15 +382,11 @@ def _prepared(
     mechanism: Mechanism,
     params: Mapping[str, Any] | None,
     settings: WorkspaceSettings,
+    reads: Reads,
     notify: Notify | None,
 ) -> tuple[Sweeper, Design]:
     """Return a sweeper and its design, settings that nothing is proven for refused."""
-    for name, idle in _UNPROVEN.items():
-        if getattr(settings, name) != idle:
-            raise InputError(
-                f"certify: {name}={getattr(settings, name)} is not allowed: what is proven holds "
-                "with a working mode, a domain and limits of joints"
-            )
+    reads.check(settings)
     sweeper = Sweeper(mechanism, settings, notify=notify, where="certify")
     return sweeper, sweeper.design(mechanism.resolve(params or {}))
 
@@ -390,11 +395,6 @@ def _announced(notify: Notify | None) -> Callable[[], None] | None:
     if notify is None:
         return None
     return lambda: notify("compiling what proofs are evaluated with, once: some seconds")
-
-
-def _box(mechanism: Mechanism, design: Design) -> dict[str, tuple[float, float]]:
-    ends = zip(design.lower.tolist(), (design.lower + design.width).tolist(), strict=True)
-    return dict(zip((c.name for c in mechanism.pose), ends, strict=True))
 
 
 def _relative(lower: float, upper: float) -> float:
@@ -419,7 +419,9 @@ class Claim:
         In words.
     min_lci : float or None
         None for the claim that there is no singularity.
-    verdict : {"proven", "refuted", "undecided"}
+    verdict : {"proven", "refuted", "undecided", "empty"}
+        Proven only where some pose of the box is proven to be reachable, empty where it is proven
+        that none is: a claim about nothing.
     witness : dict or None
         A reachable pose that refutes it.
     witness_lci : float or None
@@ -430,7 +432,10 @@ class Claim:
         Share of the box in which nothing is proven yet, at most.
     reachable : {"all", "some", "none", "unknown"}
         Of the box's poses, as far as it is proven.
-    stopped : {"proven", "witness", "time budget", "boxes"}
+    stopped : {"proven", "witness", "time budget", "boxes", "edge"}
+        Why it ended; "edge": the box touches what can be reached, to rounding.
+    reason : str or None
+        What rules all poses out, where none is reachable.
     """
 
     mechanism: str
@@ -449,15 +454,18 @@ class Claim:
     boxes: int
     open_share: float
     reachable: Literal["all", "some", "none", "unknown"]
-    stopped: Literal["proven", "witness", "time budget", "boxes"]
+    stopped: Ended
     units: dict[str, str]
+    reason: str | None = None
 
     @property
     def note(self) -> str:
         """What the claim is about."""
         text = "of the poses in the domain that keep every limit; those out of reach do not count"
-        if self.reachable == "none":
-            text += "; no pose of it is reachable"
+        if self.verdict == "empty":
+            text += "; no pose of it is reachable, proven: the claim is about nothing"
+        elif self.verdict == "undecided" and self.reachable == "unknown":
+            text += "; no pose of it is proven to be reachable"
         if self.stopped == "time budget":
             text += "; stopped at the time budget: another machine may decide it"
         return text
@@ -485,6 +493,7 @@ class Claim:
             "open_share": self.open_share,
             "boxes": self.boxes,
             "stopped": self.stopped,
+            "reason": self.reason,
             "note": self.note,
             "units": self.units,
         }
@@ -521,10 +530,10 @@ def certify_claim(
     began = _started(time_budget)
     settings = settings or WorkspaceSettings()
     least = settings.min_lci
-    sweeper, design = _prepared(mechanism, params, settings, notify)
-    verdict: Verdict = "proven"
-    stopped: Literal["proven", "witness", "time budget", "boxes"] = "proven"
-    witness, index, examined, share = None, None, 0, 0.0
+    sweeper, design = _prepared(mechanism, params, settings, READS, notify)
+    verdict: Verdict = "empty" if design.void else "undecided"
+    stopped: Ended = "proven" if design.void else "edge"
+    witness, index, examined, share = None, None, 0, 0.0 if design.void else 1.0
     reached: dict[str, bool] = {}
     if design.box_volume > 0:
         search = _Search(mechanism, design, settings, _announced(notify))
@@ -533,11 +542,15 @@ def certify_claim(
         examined, share = search.examined, search.open_share
         reached = search.reached
     reachable: Literal["all", "some", "none", "unknown"] = "unknown"
-    if reached.get("in"):
+    if reached.get("in") or witness is not None:
         whole = verdict == "proven" and not (reached["out"] or reached["edge"])
         reachable = "all" if whole else "some"
-    elif verdict == "proven" and not reached.get("edge"):
+    elif verdict == "empty":
         reachable = "none"
+    reason = None
+    if verdict == "empty":  # the index is what is claimed, no restriction
+        every = settings.model_copy(update={"min_lci": 0.0})
+        reason = explain(mechanism, design.parameters, every)
     names = [c.name for c in mechanism.pose]
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
@@ -549,11 +562,11 @@ def certify_claim(
         working_mode=sweeper.working_mode,
         norm=settings.norm,
         index_note=index_note(
-            sweeper.jacobian, design.length, mechanism.length_unit, mixed_units(mechanism)
+            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
-        box=_box(mechanism, design),
+        box=dict(design.given),
         limits=dict(design.limits),
-        claim=f"LCI >= {least:g} at every reachable pose" if least > 0 else
+        claim=f"LCI >= {exact(least)} at every reachable pose" if least > 0 else
         "no reachable pose is singular",
         min_lci=least if least > 0 else None,
         verdict=verdict,
@@ -564,13 +577,15 @@ def certify_claim(
         reachable=reachable,
         stopped=stopped,
         units=units,
+        reason=reason,
     )  # fmt: skip
 
 
 class _Search:
     """Bisects a box until a claim is proven of all of it or a witness refutes it.
 
-    ``reached`` tells whether boxes within reach, out of it, and across its edge were met.
+    ``reached`` says whether boxes within reach, out of it, and across its edge were met. Boxes in
+    which the claim holds, but none is proven to be reachable, are kept until one is.
     """
 
     def __init__(
@@ -589,13 +604,48 @@ class _Search:
         self.examined = 0
         self.open_share = 1.0
         self.reached = dict.fromkeys(("in", "out", "edge"), False)
+        self._unsure: list[tuple[Array, Array]] = []
 
-    def run(
-        self, began: float, budget: float, progress: Progress | None
-    ) -> tuple[Verdict, Literal["proven", "witness", "time budget", "boxes"]]:
+    def run(self, began: float, budget: float, progress: Progress | None) -> tuple[Verdict, Ended]:
         """Return the verdict and why the search ended."""
+        verdict, stopped = self._hold(began, budget, progress)
+        if verdict == "proven" and not self.reached["in"]:
+            return self._exist(began, budget)
+        return verdict, stopped
+
+    def _exist(self, began: float, budget: float) -> tuple[Verdict, Ended]:
+        """Return whether the claim, which holds, is about some pose or about none."""
+        size = len(self.enclosure.lower)
+        centres, halves = (
+            np.concatenate([np.empty((0, size)), *(part[k] for part in self._unsure)])
+            for k in range(2)
+        )
+        while len(centres):
+            parts: list[tuple[Array, Array]] = []
+            for start in range(0, len(centres), _BATCH):
+                if time.monotonic() - began > budget:
+                    return "undecided", "time budget"
+                part = slice(start, start + _BATCH)
+                self.examined += len(centres[part])
+                low, high = self.enclosure.shares(centres[part], halves[part])
+                point, _ = self.enclosure.shares(centres[part], np.zeros_like(halves[part]))
+                self.reached["out"] |= bool((high == 0).any())
+                if (low > 0).any() or (point == 1).any():
+                    self.reached["in"] = True
+                    return "proven", "proven"
+                parts.append((centres[part][high > 0], halves[part][high > 0]))
+            centres, halves = (np.concatenate(p) for p in zip(*parts, strict=True))
+            if len(centres) > MAX_OPEN // 2:
+                return "undecided", "boxes"
+            centres, halves = bisected(centres, halves)
+        return "empty", "proven"
+
+    def _hold(
+        self, began: float, budget: float, progress: Progress | None
+    ) -> tuple[Verdict, Ended]:
+        """Bisect until the claim holds in every box, or a witness refutes it."""
         centres, halves = self.enclosure.whole()
-        while True:
+        while len(centres):
             parts: list[tuple[Array, Array]] = []
             for start in range(0, len(centres), _BATCH):
                 if time.monotonic() - began > budget:
@@ -609,11 +659,11 @@ class _Search:
             self.open_share = min(_above(float(np.prod(2 * halves, axis=1).sum())), 1.0)
             if progress:
                 progress(self.open_share, 0.0)
-            if len(centres) == 0:
-                return "proven", "proven"
             if len(centres) > MAX_OPEN // 2:
                 return "undecided", "boxes"
             centres, halves = bisected(centres, halves)
+        self.open_share = 0.0
+        return "proven", "proven"
 
     def _examine(self, centres: Array, halves: Array) -> NDArray[np.bool_]:
         """Return which boxes stay open, and look for a witness in them."""
@@ -630,6 +680,11 @@ class _Search:
         else:
             held[rest] = regular(middles[rest], ranges[rest])
         self.reached["edge"] |= bool((held & (high > 0) & (low < 1)).any())
+        if self.reached["in"]:
+            self._unsure.clear()
+        else:
+            unsure = held & (high > 0)
+            self._unsure.append((centres[unsure], halves[unsure]))
         rest = np.flatnonzero(~held)
         if len(rest):
             if self.least > 0:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pmopt.analysis.workspace import index_note, mixed_units
+from pmopt.analysis.workspace import entry_units, index_note, mixes_units
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms.base import (
     Coordinate,
@@ -54,7 +54,7 @@ class Beyond:
         """Return it in words."""
         unit = "" if self.unit == ONE else f" {self.unit}"
         text = (
-            f"{self.name} = {self.value:.6g}{unit} misses [{self.lower:g}, {self.upper:g}]{unit} "
+            f"{self.name} = {self.value:.6g}{unit} misses [{exact(self.lower)}, {exact(self.upper)}]{unit} "
             f"by {self.miss:.6g}{unit}"
         )
         if self.unit == "rad":
@@ -216,7 +216,7 @@ class JacobianResult:
             "norm": self.norm,
             "characteristic_length": self.characteristic_length,
             "index_note": index_note(
-                self.kind, length if self.kind != "raw" else None, unit, self.units["mixed"]
+                self.kind, length if self.kind != "raw" else None, unit, self.units["entries"]
             ),
             "singularity": {
                 "type_1": {"distance": self.inverse_distance, "determinant": self.inverse_measure},
@@ -656,16 +656,16 @@ def jacobian_at(
 
 
 def _jacobian_units(mechanism: Mechanism) -> dict[str, str]:
-    """Return the unit of J's columns, joint by joint, and that singular values mix them."""
+    """Return the units of J's columns, joint by joint, and whether singular values mix them."""
     columns = [
         ", ".join(dict.fromkeys(row[k] for row in mechanism.entry_units))
         for k in range(len(mechanism.joints))
     ]
-    mixed = len(set(columns)) > 1 or ", " in columns[0]
+    entries = entry_units(mechanism)
     return {
         "J": "columns in " + "; ".join(columns),
-        "singular_values": "mixed, see J" if mixed else columns[0],
-        "mixed": mixed_units(mechanism),
+        "singular_values": "mixed, see J" if mixes_units(entries) else columns[0],
+        "entries": entries,
         **mechanism.velocity_map_units(),
     }
 

@@ -36,7 +36,7 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.numerics.compiled import compile_ahead
-from pmopt.units import unit_of
+from pmopt.units import exact, unit_of
 
 Values = NDArray[np.float64]
 
@@ -601,7 +601,7 @@ def _limit_missed(
                     miss = max(low - value, value - high)
                     weight = miss / size
                 text = (
-                    f"{name} = {value:.6g} {unit} misses [{low:.6g}, {high:.6g}] "
+                    f"{name} = {value:.6g} {unit} misses [{exact(low)}, {exact(high)}] "
                     f"by {miss:.6g} {unit}"
                 )
                 found.append((weight, name, miss, unit, text))

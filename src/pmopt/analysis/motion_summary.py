@@ -11,7 +11,7 @@ import numpy as np
 from pmopt.analysis.motion import Motion, Span, stretches
 from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.mechanisms.base import Mechanism, Ranges, Vector
-from pmopt.units import ANGLE, JOULE, WATT, effort_unit, per_second
+from pmopt.units import ANGLE, JOULE, WATT, effort_unit, exact, per_second
 
 
 class Series(NamedTuple):
@@ -140,7 +140,7 @@ def broken_limits(motion: Motion, mechanism: Mechanism, limits: Ranges) -> tuple
             spans.append(
                 Span(
                     first, last, worst, name, float(miss[worst]), unit,
-                    f"{name} = {value:.6g} {unit} is {side} {limit:.6g} {unit}",
+                    f"{name} = {value:.6g} {unit} is {side} {exact(limit)} {unit}",
                 )
             )  # fmt: skip
     return tuple(sorted(spans, key=lambda span: (span.first, span.what)))

@@ -16,20 +16,28 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.aspects import AspectMap, determinants, map_aspects
+from pmopt.analysis.emptiness import nothing_reachable, require_reachable
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.families import Family, find_families
 from pmopt.analysis.kinematics import homogenize, of_limb
 from pmopt.analysis.measures import KINDS, branch_at, measures_at
 from pmopt.analysis.projection import replicate
+from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.sweeper import Design, Notify, Sweeper
 from pmopt.analysis.touching import least_along
 from pmopt.analysis.warmup import warm_up
-from pmopt.errors import InfeasibleError
 from pmopt.mechanisms.base import Mechanism, Parameters, Vector
-from pmopt.units import ONE
+from pmopt.units import ONE, exact
 
 DEFAULT_SAMPLES = 1 << 18
+#: Settings that change what is found; its own grid is that of the aspects.
+READS = Reads(
+    "singularities",
+    PLACE | INDEX | CHECKS | {"min_lci", "sampler", "samples", "replicates"},
+    {"tool": TOOL_NEEDS},
+    {"sampler": ("lines",)},
+)
 #: Aspects of less than this share of the workspace are specks of the grid.
 _SPECK = 1e-3
 #: Reachable poses at which each limb's measures are evaluated one by one.
@@ -170,7 +178,7 @@ def find_singularities(
     params : mapping, optional
         Design parameters; those left out take their defaults.
     settings : WorkspaceSettings, optional
-        ``samples`` are the poses behind the volumes of aspects.
+        ``samples`` are the poses behind the volumes of aspects; :data:`READS` is what is read.
     seed : int
     threads : int, optional
         The result is the same for any number.
@@ -180,15 +188,18 @@ def find_singularities(
 
     Raises
     ------
+    InputError
+        For settings that are not read.
     InfeasibleError
-        When nothing is reachable.
+        When nothing is reachable, with what rules it out.
     """
     settings = settings or WorkspaceSettings()
-    sweeper = Sweeper(mechanism, settings, seed, threads, notify)
+    READS.check(settings)
+    sweeper = Sweeper(mechanism, settings, seed, threads, notify, where="singularities")
     warm_up([sweeper], sweeper.threads)
     design = sweeper.design(mechanism.resolve(params or {}))
     if design.box_volume == 0:
-        raise InfeasibleError("singularities: nothing is reachable")
+        raise nothing_reachable(mechanism, design.parameters, settings, "singularities")
     found = map_aspects(sweeper, design, grid)
     coarse = map_aspects(sweeper, design, max(4, round(found.cells * 2 / 3)))
     replicates, count = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
@@ -206,8 +217,10 @@ def find_singularities(
             smallest = min(smallest, float(lci[kept].min()))
             members = found.of(poses, determinants(sweeper, design, poses))
             labels[r] = np.bincount(members, minlength=labels.shape[1])
-    if not reached.any():
-        raise InfeasibleError("singularities: nothing is reachable")
+    require_reachable(
+        int(reached.sum()), mechanism, design.parameters, settings, "singularities",
+        replicates * count,
+    )  # fmt: skip
     home = mechanism.home(design.parameters)
     here = np.array([list(home.values())]).T
     margin, lci = sweeper.field(design, here)
@@ -376,7 +389,10 @@ def _walls(sweeper: Sweeper, design: Design, home: Mapping[str, float]) -> tuple
         for direction, end in ((-1, low), (1, high)):
             if (end - home[coordinate.name]) * direction <= 0:
                 continue
-            if not design.cut[k, (direction + 1) // 2]:
+            side = (direction + 1) // 2
+            if design.cut[k, side]:
+                end = design.given[coordinate.name][side]
+            else:
                 end += direction * _BEYOND * (high - low)  # reach ends by itself: go and see
             walls.append(_wall(sweeper, design, home, k, direction, float(end)))
     return tuple(walls)
@@ -470,9 +486,9 @@ def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -
         for name, value in values.items():
             if c.name in design.limits and of_limb(c.name, name):
                 low, high = design.limits[c.name]
-                gap = min(abs(value - low), abs(value - high))
+                gap, end = min((abs(value - end), end) for end in (low, high))
                 if math.isfinite(gap) and (nearest is None or gap < nearest[0]):
-                    nearest = gap, f"limit of {name}, {value:.4g} {mechanism.unit(c)}"
+                    nearest = gap, f"limit of {name}, {exact(end)} {mechanism.unit(c)}"
     size = mechanism.characteristic_length(design.parameters)
     if nearest is not None and nearest[0] <= 1e-6 * max(size, 1.0):
         return nearest[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,6 +43,8 @@ _STRIPS = 4096
 _FEW = 4096
 _LENGTH_POINTS = 1 << 13
 _LENGTH_FACTOR = 30.0
+#: A domain and the reach are apart if more than this share of their ends' size is between them.
+_TOUCHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Design:
     """One design ready for the sweep: kernel constants and the box its points fill.
 
     ``cut`` (d, 2) tells which faces of the box, lower and upper, cut off what can be reached.
+    ``given`` is the domain as it was given, the box's own ends in the place of infinite ones and of
+    coordinates without; ``void`` says that no pose in reach is in the domain, proven.
     """
 
     parameters: Parameters
@@ -59,6 +63,8 @@ class Design:
     width: Vector
     cut: NDArray[np.bool_]
     constants: list[float]
+    given: Ranges = field(default_factory=dict)
+    void: bool = False
 
     @property
     def box_volume(self) -> float:
@@ -233,6 +239,13 @@ class Sweeper:
             low, high = domain.get(coordinate.name, (-math.inf, math.inf))
             lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         cut = np.stack([lower, upper], axis=1) != whole
+        asked = {
+            c.name: _as_given(self.domain.get(c.name), domain.get(c.name), low, high)
+            for c, low, high in zip(mechanism.pose, lower.tolist(), upper.tolist(), strict=True)
+        }
+        # What only touches the reach, to rounding, is not proven to be out of it.
+        slack = _TOUCHING * np.maximum(np.abs(lower), np.abs(upper))
+        void = bool((lower - upper > slack).any())
         width = upper - lower
         if not np.all(width > 0):
             width = np.zeros_like(width)
@@ -249,7 +262,7 @@ class Sweeper:
             constants = mechanism.kernel_constants(parameters, self.working_mode, length, limits)
             if self._checks:
                 constants = [*constants, *self._check_constants()]
-            return Design(parameters, length, limits, lower, width, cut, constants)
+            return Design(parameters, length, limits, lower, width, cut, constants, asked, void)
 
         design = ready(length)
         if self.settings.characteristic_length == "optimal" and design.box_volume > 0:
@@ -525,6 +538,21 @@ class Sweeper:
         room = np.empty(rows * sweep.PITCH + _LINE)
         first = -(room.ctypes.data // room.itemsize) % _LINE
         return room[first : first + rows * sweep.PITCH].reshape(rows, sweep.PITCH)
+
+
+def _as_given(
+    given: tuple[float, float] | None,
+    searched: tuple[float, float] | None,
+    low: float,
+    high: float,
+) -> tuple[float, float]:
+    """Return the domain of a coordinate: as given, else by default, else what can be reached."""
+    if given is None:
+        if low <= high or searched is None:
+            return low, high
+        given = searched
+    return (given[0] if math.isfinite(given[0]) else low,
+            given[1] if math.isfinite(given[1]) else high)  # fmt: skip
 
 
 def chunk_ranges(first: int, last: int, replicates: int) -> Iterator[tuple[int, int]]:

@@ -11,6 +11,7 @@ from pmopt.analysis.aspects import make_sweeper, require_home
 from pmopt.analysis.blocks import blocks_on
 from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
 from pmopt.analysis.projection import PROJECTION_SAMPLES, Projection, measure_projection
+from pmopt.analysis.reads import TOOL_NEEDS, Reads, tool_is_read
 from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
 from pmopt.analysis.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
 from pmopt.analysis.sums import Sums
@@ -26,7 +27,7 @@ from pmopt.analysis.sweeper import (
     chunk_ranges,
 )
 from pmopt.analysis.warmup import warm_up
-from pmopt.errors import PmoptError
+from pmopt.errors import InputError, PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
 from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
 from pmopt.units import ONE, measure_unit, unit_of
@@ -44,6 +45,7 @@ _COARSER_GRIDS = (0.4, 0.5, 0.6, 0.7)
 #: Samples of the first round to a target error; on lines, exact along one coordinate, fewer do.
 _FIRST_ROUND = 1 << 18
 _FIRST_ON_LINES = 1 << 15
+DEFAULT_SEED = 1
 #: Samples of the home aspect or of a block: each costs some hundred times a compiled one.
 FIELD_SAMPLES = 1 << 20
 
@@ -92,7 +94,7 @@ class WorkspaceResult:
 
     @property
     def index_note(self) -> str:
-        """What the index is of, and that it mixes units where it does."""
+        """What the index is of, and whether it mixes units."""
         note = index_note(
             self.jacobian, self.characteristic_length, self.length_unit, self.units["J"]
         )
@@ -187,15 +189,38 @@ def number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def mixed_units(mechanism: Mechanism) -> str:
-    """Return the units of the raw Jacobian's entries in words."""
-    return " and ".join(dict.fromkeys(u for row in mechanism.entry_units for u in row))
+def entry_units(mechanism: Mechanism, block: str | None = None) -> str:
+    """Return the units of the raw Jacobian's entries in words, of one block's rows if asked for."""
+    wanted = {"translational": "length", "rotational": "angle"}.get(block or "")
+    rows = zip(mechanism.pose, mechanism.entry_units, strict=True)
+    return " and ".join(
+        dict.fromkeys(u for c, row in rows if wanted in (None, c.kind) for u in row)
+    )
+
+
+def mixes_units(units: str) -> bool:
+    """Return whether entries, their units as :func:`entry_units` gives them, have several."""
+    ratios = (unit.split("/") for unit in units.split(" and "))
+    return len({"1" if len(r) == 2 and r[0] == r[1] else "/".join(r) for r in ratios}) > 1
 
 
 def index_note(kind: JacobianKind, length: float | None, unit: str, units: str) -> str:
-    """Say what Jacobian an index is of."""
-    if kind == "raw":
+    """Say what Jacobian an index is of.
+
+    Parameters
+    ----------
+    kind : {"raw", "homogenized"}
+    length : float or None
+        Characteristic length.
+    unit : str
+        Of lengths.
+    units : str
+        Of the raw Jacobian's entries; see :func:`entry_units`.
+    """
+    if kind == "raw" and mixes_units(units):
         return f"raw Jacobian, entries in {units}: it mixes units and depends on the unit of length"
+    if kind == "raw":
+        return f"raw Jacobian, every entry in {units}: one unit, which the index does not depend on"
     return f"homogenized Jacobian, characteristic length {length!r} {unit}"
 
 
@@ -247,6 +272,7 @@ def compute_workspace(
     dimension = len(mechanism.pose)
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     check_cells(cells, dimension, "shape_grid")
+    check_read(settings, seed, cells)
     sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
     warm_up([sweeper], sweeper.threads, shapes=cells > 0)
     design = sweeper.design(mechanism.resolve(params or {}))
@@ -269,6 +295,26 @@ def compute_workspace(
             sweeper, design, min(estimates.samples, PROJECTION_SAMPLES), (estimates.volume, shape)
         )
     return _result(sweeper, design, tallies, estimates, shape, projection)
+
+
+def check_read(settings: WorkspaceSettings, seed: int, shape_grid: int) -> None:
+    """Refuse what changes nothing: all settings are read, but some not without the shape.
+
+    Raises
+    ------
+    InputError
+    """
+    if shape_grid > 0:
+        return
+    Reads("workspace", frozenset(type(settings).model_fields), {
+        "tool": (f"{TOOL_NEEDS[0]}, or with shape_grid > 0", tool_is_read),
+    }).check(settings)  # fmt: skip
+    random = settings.grid is None or settings.characteristic_length == "optimal"
+    if not random and seed != DEFAULT_SEED:
+        raise InputError(
+            f"workspace: seed={seed} and grid={settings.grid} exclude each other without a shape: "
+            "a grid is not random"
+        )
 
 
 def planned_samples(settings: WorkspaceSettings) -> int:
@@ -396,8 +442,6 @@ def _result(
     mechanism, settings = sweeper.mechanism, sweeper.settings
     edges = settings.regions
     unit = mechanism.volume_unit
-    names = [c.name for c in mechanism.pose]
-    ends = zip(design.lower.tolist(), (design.lower + design.width).tolist(), strict=True)
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
     units |= {"volume": unit, "gci": ONE, "lci": ONE, "share": ONE, "min_lci": ONE}
@@ -410,7 +454,7 @@ def _result(
     units["cone_angle"] = "rad"
     units["projected_volume"] = measure_unit(["length"] * 3, mechanism.length_unit)
     units["footprint"] = measure_unit(["length"] * 2, mechanism.length_unit)
-    units["J"] = mixed_units(mechanism)
+    units["J"] = entry_units(mechanism, settings.block)
     counts: list[float] = tallies.histogram[0].sum(axis=0).tolist()
     return WorkspaceResult(
         mechanism=mechanism.name,
@@ -424,7 +468,7 @@ def _result(
         seed=sweeper.seed,
         grid=settings.grid,
         replicates=tallies.reachable.shape[1],
-        box=dict(zip(names, ends, strict=True)),
+        box=dict(design.given),
         limits=dict(design.limits),
         settings=settings,
         volume=estimates.volume,

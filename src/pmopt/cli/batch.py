@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pmopt.cli import options
-from pmopt.cli.main import EXIT_RUNTIME
+from pmopt.cli.main import EXIT_INFEASIBLE, EXIT_RUNTIME
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
 
@@ -115,6 +115,8 @@ def batch_command(
 
 def _tell(result: BatchResult, form: str) -> int:
     emit(form, result.to_dict(), result.tables() if form == "table" else [result.table()])
+    if result.infeasible:
+        return EXIT_INFEASIBLE
     return 0 if result.complete else EXIT_RUNTIME
 
 

@@ -9,6 +9,7 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
+from pmopt.errors import InfeasibleError
 from pmopt.mechanisms import Mechanism
 
 EXIT_UNVERIFIED = 4
@@ -52,7 +53,8 @@ def certify_command(
 ) -> int:  # fmt: skip
     """Prove or refute that no reachable pose of a box is singular, or that each has LCI >= X.
 
-    The exit code is 0 where it is proven, 4 where it is refuted or left undecided.
+    The exit code is 0 where it is proven, 3 where it is about nothing, as no pose of the box is
+    reachable (empty), and 4 where it is refuted or left undecided.
 
     \b
     Example:
@@ -82,4 +84,6 @@ def certify_command(
     emit(form, result.to_dict(), certify_run.claim_tables(result))
     if out is not None:
         notify(f"written to {out}")
+    if result.verdict == "empty":
+        raise InfeasibleError(f"certify: nothing is reachable: {result.reason}")
     return 0 if result.verdict == "proven" else EXIT_UNVERIFIED

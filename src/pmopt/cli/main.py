@@ -15,7 +15,7 @@ from pmopt.cli.interrupt import Interrupted
 from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.version import __version__
 
-EXIT_RUNTIME, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
+EXIT_RUNTIME, EXIT_USAGE, EXIT_INFEASIBLE, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 #: Subcommand -> (module, one-line help): the help is shown without importing the module.
 COMMANDS = {

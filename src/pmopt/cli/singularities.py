@@ -63,6 +63,7 @@ def singularities_command(
     """
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.validation import validated
+    from pmopt.analysis.workspace import DEFAULT_SEED
     from pmopt.reporting import singularity_run
     from pmopt.reporting.tasks import WorkspaceTask
 
@@ -76,6 +77,7 @@ def singularities_command(
     }
     if path is not None:
         unused = {"samples": samples, "grid": grid, "domain": domain, "limits": limits, "out": out,
+                  "seed": seed - DEFAULT_SEED,
                   "jacobian": kind, "characteristic-length": characteristic_length}  # fmt: skip
         for name, value in unused.items():
             if value:

@@ -79,19 +79,21 @@ if TYPE_CHECKING:
     "--link-diameter",
     type=options.Quantity("length"),
     metavar="X",
-    help="Links are capsules of this diameter that must not meet.",
+    help="Links (limbs and cranks, joint to joint) are capsules of this diameter that must not "
+    "meet those of other limbs.",
 )
 @click.option(
     "--platform-diameter",
     type=options.Quantity("length"),
     metavar="X",
-    help="Of the platform's spokes and the tool; default: the links'.",
+    help="Of the platform's spokes, centre to limb, and the tool; default: the links'.",
 )
 @click.option(
     "--cone-angle",
     type=options.Quantity("rad"),
     metavar="RAD",
-    help="Largest angle of passive U and S joints from their direction at home.",
+    help="Largest angle of the link at passive U and S joints from its direction at home, seen "
+    "from base or platform.",
 )
 @click.option(
     "--tool",
@@ -145,6 +147,7 @@ def workspace_command(
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
     from pmopt.analysis.validation import validated
+    from pmopt.analysis.workspace import DEFAULT_SEED
     from pmopt.cluster import connect
     from pmopt.reporting import tables, workspace_run
     from pmopt.reporting.tasks import WorkspaceTask
@@ -177,7 +180,9 @@ def workspace_command(
     )
     if certify is not None:
         unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
-                  "target-error": target_error, "regions": regions, "jacobian": kind,
+                  "seed": None if seed == DEFAULT_SEED else seed,
+                  "norm": None if norm == "2" else norm, "target-error": target_error,
+                  "regions": regions, "jacobian": kind,
                   "characteristic-length": characteristic_length, "shape-grid": shape_grid,
                   "dry-run": dry_run or None, "resume": resume or None,
                   "scheduler": scheduler}  # fmt: skip
@@ -228,6 +233,7 @@ def _certify(
     mechanism: Mechanism, parameters: Parameters, settings: WorkspaceSettings, gap: float,
     time_budget: float | None, out: Path | None, force: bool, form: str, quiet: bool,
 ) -> None:  # fmt: skip
+    from pmopt.analysis.emptiness import nothing_reachable
     from pmopt.reporting import certify_run
 
     notify = notifier(quiet)
@@ -237,3 +243,5 @@ def _certify(
     emit(form, result.to_dict(), certify_run.volume_tables(result))
     if out is not None:
         notify(f"written to {out}")
+    if result.empty:
+        raise nothing_reachable(mechanism, parameters, settings, "workspace")

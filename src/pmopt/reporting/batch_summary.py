@@ -91,6 +91,11 @@ class BatchResult:
         return all(run.status == "finished" for run in self.runs)
 
     @property
+    def infeasible(self) -> bool:
+        """Whether there are runs, and none of them found anything feasible or reachable."""
+        return bool(self.runs) and all(run.status == "infeasible" for run in self.runs)
+
+    @property
     def counts(self) -> dict[str, int]:
         """Return the number of runs by status."""
         return dict(Counter(run.status for run in self.runs))

@@ -21,7 +21,7 @@ import numpy as np
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.workspace import WorkspaceResult
 from pmopt.errors import InputError
-from pmopt.units import ONE, pretty
+from pmopt.units import ONE, exact, pretty
 
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
@@ -150,10 +150,10 @@ def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str
     parts = [f"volume {with_unit(format_estimate(result.volume), result.volume_unit)}"]
     if result.reachable:
         parts.append(f"GCI {format_estimate(result.gci)}")
-    parts += [f"{name} in [{low:.4g}, {high:.4g}] {result.units[name]}"
+    parts += [f"{name} in [{exact(low)}, {exact(high)}] {result.units[name]}"
               for name, (low, high) in result.settings.limits.items()]  # fmt: skip
     if result.settings.min_lci > 0:
-        parts.append(f"LCI ≥ {result.settings.min_lci:g}")
+        parts.append(f"LCI ≥ {exact(result.settings.min_lci)}")
     parts += [f"working mode {result.working_mode}", *remarks]
     body = wrap(", ".join(part.replace(" ", "\u00a0") for part in parts), 8.5)
     note = wrap(f"LCI: {result.index_note}", 7)

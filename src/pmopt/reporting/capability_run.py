@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.capability import (
     SHARES,
+    SIZES,
     Capability,
     Demands,
     Task,
     check_limits,
     compute_capability,
 )
+from pmopt.analysis.emptiness import require_reachable
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
@@ -39,14 +41,13 @@ from pmopt.reporting.canvas import (
 from pmopt.reporting.fields import Section, section_fields
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
+from pmopt.units import exact
 
 #: Colours end at twice what the motors have.
 _MOST = 2.0
 _RESOLUTION = 160
 #: Red is taken.
 _SINGULAR = "#1f3bff"
-#: Fields of a :class:`Task` that are plain sizes, in order.
-_SIZES = ("speed", "acceleration", "turn", "angular_acceleration", "force")
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class CapabilityTask:
             "parameters": dict(self.parameters),
             "workspace": self.settings.model_dump(mode="json"),
             "task": {
-                **{k: getattr(self.task, k) for k in _SIZES},
+                **{k: getattr(self.task, k) for k in SIZES},
                 "payload": 0.0 if payload is None else payload.mass,
                 "payload_centre": [0.0] * 3 if payload is None else payload.centre.tolist(),
             },
@@ -92,9 +93,9 @@ class CapabilityTask:
             return cls(
                 mechanism,
                 mechanism.resolve(document["parameters"]),
-                validated(WorkspaceSettings, document["workspace"], where),
+                validated(WorkspaceSettings, {**document["workspace"], "samples": None}, where),
                 Task(
-                    **{k: float(task[k]) for k in _SIZES},
+                    **{k: float(task.get(k, 0.0)) for k in SIZES},
                     payload=payload if payload.mass else None,
                 ),
                 check_limits(mechanism, document["limits"], where),
@@ -125,9 +126,19 @@ def run_capability(
     threads: int | None = None,
     notify: Callable[[str], None] | None = None,
 ) -> Capability:
-    """Sample demands and the capable region and, with ``out``, write the run's folder."""
+    """Sample demands and the capable region and, with ``out``, write the run's folder.
+
+    Raises
+    ------
+    InfeasibleError
+        When nothing is reachable, with what rules it out.
+    """
     folder = RunFolder(out, force) if out is not None else None
     result = compute(asked, threads, notify)
+    require_reachable(
+        result.reachable, asked.mechanism, asked.parameters, asked.settings, "capability",
+        result.samples,
+    )  # fmt: skip
     if folder is None:
         return result
     drawn = draw_capability(asked, result, threads)
@@ -166,20 +177,20 @@ def capability_tables(result: Capability) -> list[Table]:
         rows.append((demand.name, demand.unit, demand.limit,
                      *(cell(value) for pair in pairs for value in pair)))  # fmt: skip
         shown = [text for pair in pairs for text in with_error(*pair)]
-        display.append((demand.name, demand.unit, demand.limit, *shown))
+        limit = None if demand.limit is None else exact(demand.limit)
+        display.append((demand.name, demand.unit, limit, *shown))
     unit = result.units["volume"]
     units = {"volume": unit, "volume_error": unit}
     task = _task_text(result)
     percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
-    kept = (
-        f"all limits are kept in {format_estimate(result.capable)} {unit}, {percent} % of it"
-        if result.reachable
-        else "nothing of it was met"
-    )
+    kept = ""
+    if any(demand.limit is not None for demand in result.demands):
+        kept = f"; all limits are kept in {format_estimate(result.capable)} {unit}, {percent} %"
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
-        f"task: {task}, in any direction",
-        f"reachable volume {format_estimate(result.volume)} {unit}; {kept}",
+        f"task: {task}",
+        *result.task.moved(find(result.mechanism)),
+        f"reachable volume {format_estimate(result.volume)} {unit}{kept}",
     ]
     return [
         Table(
@@ -192,7 +203,7 @@ def capability_tables(result: Capability) -> list[Table]:
 def _task_text(result: Capability) -> str:
     told = result.to_dict()["task"]
     parts = [
-        f"{k.replace('_', ' ')} {with_unit(f'{v:.4g}', result.units[k])}"
+        f"{k.replace('_', ' ')} {with_unit(exact(v), result.units[k])}"
         for k, v in told.items()
         if v
     ]
@@ -254,11 +265,10 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
         params = {k: v for k, v in result.params.items() if v is not None}
         head = f"{result.mechanism}: {parameter_text(params, result.units)}"
         share = Estimate(100 * result.share.value, 100 * result.share.error)
-        motors = ", ".join(
-            f"{k} {with_unit(f'{v:.4g}', result.units[k])}" for k, v in limits.items()
-        )
+        motors = ", ".join(f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items())
         told = [
-            f"{_task_text(result)}, in any direction; limits: {motors}; kept in "
+            "; ".join([_task_text(result), *result.task.moved(find(result.mechanism))[:2]]),
+            f"limits: {motors}; kept in "
             f"{format_estimate(share)} % of the volume", f"working mode {result.working_mode}",
             *remarks, "black lines: limits just enough, blue lines: singular",
         ]  # fmt: skip

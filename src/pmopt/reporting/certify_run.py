@@ -17,6 +17,7 @@ from pmopt.analysis.sweeper import Notify
 from pmopt.mechanisms.base import Mechanism, Parameters
 from pmopt.reporting.run_folder import RunFolder
 from pmopt.reporting.table import Table, to_csv, to_json
+from pmopt.units import span_text
 
 
 def run_volume(
@@ -115,8 +116,9 @@ def claim_tables(result: Claim) -> list[Table]:
         result.open_share, result.boxes, result.stopped,
     )  # fmt: skip
     domain = ", ".join(
-        f"{k} = {low:.6g} .. {high:.6g} {result.units[k]}" for k, (low, high) in result.box.items()
+        f"{name} = {span_text(ends, result.units[name])}" for name, ends in result.box.items()
     )
     title = f"{result.mechanism}, {result.working_mode}: {result.claim}"
-    notes = (f"domain: {domain}", result.note, f"LCI of the {result.index_note}")
-    return [Table(title, columns, (row,), result.units, notes)]
+    notes = [f"domain: {domain}", result.note]
+    notes += [f"LCI of the {result.index_note}"] if result.min_lci is not None else []
+    return [Table(title, columns, (row,), result.units, tuple(notes))]

@@ -23,6 +23,7 @@ from pmopt.analysis.settings import WorkspaceSettings, named_mechanism
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.validation import validated
+from pmopt.analysis.workspace import check_read
 from pmopt.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.errors import InfeasibleError, InputError, unknown_name
 from pmopt.files import sha256
@@ -274,13 +275,18 @@ class WorkspaceRunner(Runner):
         config = validated(WorkspaceConfig, data, where, mechanism.units)
         dimension = len(mechanism.pose)
         cells = DEFAULT_GRIDS[dimension] if config.shape_grid is None else config.shape_grid
+        check_cells(cells, dimension, f"{where}: shape_grid")
+        try:
+            check_read(config.workspace, config.seed, cells)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
         return cls(
             WorkspaceTask(
                 mechanism,
                 mechanism.resolve(config.parameters, f"{where}: parameters"),
                 config.workspace,
                 config.seed,
-                check_cells(cells, dimension, f"{where}: shape_grid"),
+                cells,
             )
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pmopt.mechanisms import Mechanism
+from pmopt.units import exact
 
 
 def starting_config(mechanism: Mechanism) -> str:
@@ -17,7 +18,7 @@ def starting_config(mechanism: Mechanism) -> str:
             parameters.append(f"{p.name} = [{p.bounds[0]}, {p.bounds[1]}]  # {note}")
     units = {c.name: mechanism.unit(c) for c in mechanism.limited}
     limits = [
-        f"# {name} = [{low:.6g}, {high:.6g}]  # {units[name]}; the default"
+        f"# {name} = [{exact(low)}, {exact(high)}]  # {units[name]}; the default"
         for name, (low, high) in mechanism.default_limits(mechanism.resolve({})).items()
     ] or [f"# {mechanism.joints[0].name} = [-1.5, 1.5]  # {mechanism.unit(mechanism.joints[0])}"]
     coordinate = mechanism.pose[-1]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.reporting.table import Cell, Table, with_error
-from pmopt.units import ONE
+from pmopt.units import ONE, exact, span_text
 
 if TYPE_CHECKING:
     from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult
@@ -89,7 +89,7 @@ def _default_limits(m: Mechanism) -> list[str]:
     """Return the limits that hold unless others are given, in words, for the default design."""
     units = {c.name: m.unit(c) for c in m.limited}
     limits = m.default_limits(m.resolve({}))
-    return [f"{k}: {low:.6g} .. {high:.6g} {units[k]}" for k, (low, high) in limits.items()]
+    return [f"{k}: {span_text(ends, units[k])}" for k, ends in limits.items()]
 
 
 def mechanism_tables(m: Mechanism) -> list[Table]:
@@ -99,7 +99,7 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
             p.name,
             m.unit(p),
             p.default,
-            "-" if p.bounds is None else f"{p.bounds[0]:g} .. {p.bounds[1]:g}",
+            "-" if p.bounds is None else f"{exact(p.bounds[0])} .. {exact(p.bounds[1])}",
             p.meaning,
             p.source,
         )
@@ -206,8 +206,8 @@ def jacobian_tables(result: JacobianResult) -> list[Table]:
             ("translational", result.lci_translational), ("rotational", result.lci_rotational),
         ) if value is not None),
         ("characteristic_length", result.characteristic_length, unit),
-        *((f"singular value {i}", float(v), "mixed" if "mixed" in result.units["singular_values"]
-           else "1") for i, v in enumerate(() if values is None else values, start=1)),
+        *((f"singular value {i}", float(v), result.units["singular_values"].split(",")[0])
+          for i, v in enumerate(() if values is None else values, start=1)),
         *((f"distance to type 1, {k}", v, unit) for k, v in result.inverse_distance.items()),
         *((f"determinant type 1, {k}", v, "1") for k, v in result.inverse_measure.items()),
         *((f"determinant type 2, {k}", v, "1") for k, v in result.forward_measure.items()),

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pmopt.analysis.emptiness import require_reachable
 from pmopt.analysis.sweeper import BINS, Notify
 from pmopt.analysis.workspace import (
     Progress,
@@ -88,6 +89,8 @@ def run_workspace(
     InputError
         When the folder holds a run, or one of another task, or for names and values the mechanism
         does not have.
+    InfeasibleError
+        When nothing is reachable, with what rules it out; nothing is left in the folder.
     """
     folder = checkpoint = begun = None
     if out is not None:
@@ -116,6 +119,12 @@ def run_workspace(
             with contextlib.suppress(PmoptError):
                 checkpoint.flush()
         raise
+    if checkpoint is not None and result.reachable == 0:
+        checkpoint.clear()
+    require_reachable(
+        result.reachable, task.mechanism, task.parameters, task.settings, "workspace",
+        result.samples,
+    )  # fmt: skip
     if folder is not None and checkpoint is not None:
         from pmopt.reporting import pictures  # what draws takes as long to import as a short run
 

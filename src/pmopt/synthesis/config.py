@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings, named_mechanism
 from pmopt.analysis.sweeper import TOOL
 from pmopt.analysis.validation import read_config, validated
@@ -164,6 +165,12 @@ def resolve_config(data: Any, where: str) -> RunConfig:
     mechanism.check_ranges(
         workspace.limits, (*mechanism.limited, *tool), f"{where}: workspace.limits"
     )
+    space = {"projected_volume"} & {*config.objectives, *config.constraints}
+    needs = (f"{TOOL_NEEDS[0]}, or projected_volume", TOOL_NEEDS[1])
+    Reads(
+        f"{where}: workspace", frozenset(WorkspaceSettings.model_fields),
+        {} if space else {"tool": needs},
+    ).check(workspace)  # fmt: skip
     workspace = workspace.model_copy(
         update={
             "working_mode": mechanism.check_mode(workspace.working_mode),

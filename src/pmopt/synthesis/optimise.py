@@ -390,5 +390,20 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
         if len(reached):
             text += f" (best {sign * reached.max() + bound:.4g})"
         parts.append(text)
+    if (evaluated.slack[:, 0] < 0).all():
+        parts.append(_of_one_design(problem, evaluated))
     parts += [f"{n} could not be evaluated ({why})" for why, n in problem.failures.items()]
     raise InfeasibleError(f"no feasible design: {'; '.join(parts)}")
+
+
+def _of_one_design(problem: DesignProblem, evaluated: Evaluations) -> str:
+    """Say of the design that comes nearest to reaching a pose what rules that out."""
+    from pmopt.analysis.emptiness import explain
+
+    row = evaluated.variables[int(np.argmax(evaluated.slack[:, 0]))]
+    parameters = problem.parameters(row)
+    mechanism = problem.mechanism
+    text = ", ".join(f"{k} = {parameters[k]:.4g} {mechanism.unit(mechanism.parameter(k))}"
+                     for k in problem.variables)  # fmt: skip
+    why = explain(mechanism, parameters, problem.config.workspace, problem.variables)
+    return f"of the one that comes nearest, {text}: {why}"

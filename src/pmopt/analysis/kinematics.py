@@ -26,7 +26,7 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.numerics.assembly import load
 from pmopt.numerics.compiled import Compiled
-from pmopt.units import ONE, unit_of
+from pmopt.units import ONE, exact, unit_of
 
 #: A pose nearer than this to a singularity (distance over the size of the mechanism, or
 #: normalised determinant) is one: rounding in the pose leaves no more.
@@ -53,10 +53,8 @@ class Beyond:
     def __str__(self) -> str:
         """Return it in words."""
         unit = "" if self.unit == ONE else f" {self.unit}"
-        text = (
-            f"{self.name} = {self.value:.6g}{unit} misses [{exact(self.lower)}, {exact(self.upper)}]{unit} "
-            f"by {self.miss:.6g}{unit}"
-        )
+        limits = f"[{exact(self.lower)}, {exact(self.upper)}]{unit}"
+        text = f"{self.name} = {self.value:.6g}{unit} misses {limits} by {self.miss:.6g}{unit}"
         if self.unit == "rad":
             return text
         return f"{text} ({'too close' if self.value < self.lower else 'too far'})"

@@ -13,7 +13,9 @@ if TYPE_CHECKING:  # a workspace does without
     from pmopt.analysis.dynamics import Mover
 
 
-def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True) -> dict[str, int]:
+def warm_up(
+    users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True, extremes: bool = False
+) -> dict[str, int]:
     """Compile what is missing of all that workspaces, their shapes and motions call.
 
     In processes of their own: this one stays free to be interrupted.
@@ -25,6 +27,8 @@ def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True)
         Processes at most.
     shapes : bool
         False leaves out what only shapes, positions and pictures call.
+    extremes : bool
+        Without shapes, keep what looks for the extremes of the index.
 
     Returns
     -------
@@ -37,7 +41,7 @@ def warm_up(users: Iterable[Sweeper | Mover], workers: int, shapes: bool = True)
     for user in users:
         called = user.kernels
         if isinstance(user, Sweeper) and not shapes:
-            called = user.sampling_kernels
+            called = user.measuring_kernels if extremes else user.sampling_kernels
         new = [
             (compiled, entry)
             for compiled, entries in called.items()

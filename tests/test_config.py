@@ -384,7 +384,7 @@ def test_bad_file(tmp_path, case):
 
 @pytest.mark.parametrize("name", [".", "missing.toml", "missing/config.toml", "x" * 300])
 def test_file_that_can_not_be_read(tmp_path, name):
-    with pytest.raises(InputError, match="can not read"):
+    with pytest.raises(InputError, match=r"no such file|is a folder"):
         load_config(tmp_path / name)
 
 
@@ -437,6 +437,7 @@ def at_or_none(tree, name):
 arguments = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=30)
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 names = st.from_regex(r"[a-z][a-z0-9_]{0,5}", fullmatch=True)
+limited = st.sampled_from([c.name for c in find(MECH).limited])
 pairs_text = st.lists(
     st.builds(lambda k, e, v: k + e + v, names | texts, st.sampled_from(["=", "==", "", " = "]),
               st.one_of(numbers.map(repr), texts, st.sampled_from(["nan", "inf", "1_0", "0x1"]))),
@@ -496,7 +497,7 @@ def test_pairs_come_back_however_they_are_split(values, data):
         split_pairs([*parts, pairs[0]], "--pose")
 
 
-@given(st.dictionaries(names, st.tuples(numbers, numbers), min_size=1, max_size=3))
+@given(st.dictionaries(limited, st.tuples(numbers, numbers), min_size=1, max_size=3))
 def test_ranges_come_back(values):
     values = {k: (min(v), max(v)) for k, v in values.items()}
     assume(all(low < high for low, high in values.values()))

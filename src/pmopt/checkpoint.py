@@ -24,7 +24,7 @@ from pmopt.files import remove_leftovers, write_atomic
 from pmopt.version import __version__
 
 #: Of run.json and of the numbered files; another one is refused.
-SCHEMA = 3
+SCHEMA = 4
 FOLDER = "checkpoint"
 _RUN = "run.json"
 

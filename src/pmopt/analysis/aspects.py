@@ -18,6 +18,7 @@ from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism, Vector
 from pmopt.numerics import sequences
+from pmopt.numerics.bins import bins_of
 from pmopt.numerics.compiled import Compiled
 from pmopt.numerics.specialise import ENTRIES
 from pmopt.units import exact
@@ -240,8 +241,7 @@ class FieldSweeper(Sweeper):
                 smallest[place] = kept.min()
             above[place] = [(kept >= edge).sum() for edge in self.edges]
             if bins:
-                index = np.minimum((kept * bins).astype(np.int64), bins - 1)
-                histogram[place] = np.bincount(index, minlength=bins)
+                histogram[place] = np.bincount(bins_of(kept), minlength=bins)
         box = np.array([d.box_volume for d in designs])
         return Tallies(
             last - first, box, reachable, within, reachable.copy(), total, smallest, largest, best,

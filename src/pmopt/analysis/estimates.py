@@ -1,28 +1,37 @@
-"""Numbers from tallies, each with its error estimate.
+"""Numbers from tallies, each with its error.
 
-Every quantity of a workspace is one entry of a vector, so that one jackknife over replicates (or
-one comparison of grids) gives all errors:
-
-    volume, gci, lci min, lci max, quantiles .., region volumes .., region shares ..
+Volume, GCI, region volumes and region shares are entries of one vector, so that one jackknife over
+replicates gives all their errors. Quantiles of LCI and their errors come from the histogram.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.sweeper import BINS, Tallies
+from pmopt.analysis.sweeper import Tallies
+from pmopt.numerics.bins import bin_edges
 
 QUANTILES = (0.05, 0.5, 0.95)
+#: By the number of replicates, what their standard error is multiplied by: two errors then hold
+#: as often as with 16 (Student's t). From 16 on it is 1.
+_FEW_REPLICATES = {
+    4: 1.436, 5: 1.270, 6: 1.185, 7: 1.133, 8: 1.099, 9: 1.074, 10: 1.056, 11: 1.041, 12: 1.030,
+    13: 1.020, 14: 1.012, 15: 1.006,
+}  # fmt: skip
+#: Standard errors of an independent sample that a grid's error bound contains.
+_BOUND = 3.0
 
 
 class Estimate(NamedTuple):
-    """A sampled number and its error estimate; both NaN where there is nothing to measure."""
+    """A sampled number and its error; both NaN where there is nothing to measure.
+
+    The error is a standard error, for a grid a bound of the error.
+    """
 
     value: float
     error: float
@@ -30,12 +39,12 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimates:
-    """All sampled numbers of one workspace."""
+    """All sampled numbers of one workspace; ``smallest`` and ``largest`` are of the sample."""
 
     volume: Estimate
     gci: Estimate
-    smallest: Estimate
-    largest: Estimate
+    smallest: float
+    largest: float
     quantiles: tuple[Estimate, ...]
     region_volumes: tuple[Estimate, ...]
     region_shares: tuple[Estimate, ...]
@@ -48,93 +57,122 @@ class _Sums(NamedTuple):
 
     points: NDArray[np.float64]
     reachable: NDArray[np.float64]
-    hits: NDArray[np.float64]
     total: NDArray[np.float64]
-    smallest: NDArray[np.float64]
-    largest: NDArray[np.float64]
     above: NDArray[np.float64]
-    histogram: NDArray[np.float64]
 
 
 def _vector(box: float, sums: _Sums) -> NDArray[np.float64]:
-    """Return the vector of quantities of each pool, NaN where nothing is reachable."""
+    """Return volume, GCI, region volumes, region shares of each pool; NaN for no index."""
     with np.errstate(invalid="ignore", divide="ignore"):
         count = sums.reachable
-        volume = box * count / sums.points
         bounded = np.concatenate(
             [count[:, None], sums.above, np.zeros_like(count)[:, None]], axis=1
         )
         members = bounded[:, :-1] - bounded[:, 1:]
-        empty = count == 0
         columns = [
-            volume,
+            box * count / sums.points,
             sums.total / count,
-            np.where(empty, np.nan, sums.smallest),
-            np.where(empty, np.nan, sums.largest),
-            *_quantiles(sums.histogram, sums.smallest, sums.largest),
             *(box * members / sums.points[:, None]).T,
             *(members / count[:, None]).T,
         ]
     return np.stack(columns, axis=1)
 
 
-def _quantiles(
-    histogram: NDArray[np.float64], smallest: NDArray[np.float64], largest: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
-    """Interpolate quantiles within histogram bins, never beyond the extremes."""
-    cumulative = np.concatenate(
-        [np.zeros((len(histogram), 1)), np.cumsum(histogram, axis=1)], axis=1
-    )
-    edges = np.linspace(0.0, 1.0, BINS + 1)
-    result = []
-    for q in QUANTILES:
-        values = np.full(len(histogram), np.nan)
-        for row, counts in enumerate(cumulative):
-            if counts[-1] > 0:
-                k = int(np.searchsorted(counts, q * counts[-1], side="left"))
-                k = max(k, 1)
-                part = (q * counts[-1] - counts[k - 1]) / (counts[k] - counts[k - 1])
-                value = edges[k - 1] + part / BINS
-                values[row] = min(max(value, smallest[row]), largest[row])
-        result.append(values)
-    return result
-
-
 def _pool(tallies: Tallies) -> tuple[_Sums, _Sums]:
     """Return one design's sums over all replicates, and over all but each one."""
     replicates = tallies.reachable.shape[-1]
-    keep = ~np.eye(replicates, dtype=bool)
-
-    def without_each(values: NDArray[np.generic]) -> NDArray[np.float64]:
-        whole = values.astype(float)
-        return np.asarray(whole.sum(axis=0) - whole)
-
-    reachable, total = tallies.reachable[0], tallies.total[0]
-    smallest, largest = tallies.smallest[0], tallies.largest[0]
-    all_points = np.array([float(tallies.points * replicates)])
+    sums = [values[0] for values in (tallies.reachable, tallies.total, tallies.above)]
     pooled = _Sums(
-        all_points,
-        reachable.sum(keepdims=True),
-        tallies.hits[0].sum(keepdims=True),
-        total.sum(keepdims=True),
-        smallest.min(keepdims=True),
-        largest.max(keepdims=True),
-        tallies.above[0].sum(axis=0, keepdims=True),
-        tallies.histogram[0].sum(axis=0, keepdims=True),
+        np.array([float(tallies.points * replicates)]),
+        *(values.sum(axis=0, keepdims=True) for values in sums),
     )
     if replicates == 1:
         return pooled, pooled
     left_out = _Sums(
         np.full(replicates, float(tallies.points * (replicates - 1))),
-        without_each(reachable),
-        without_each(tallies.hits[0]),
-        without_each(total),
-        np.array([smallest[k].min() for k in keep]),
-        np.array([largest[k].max() for k in keep]),
-        without_each(tallies.above[0]),
-        without_each(tallies.histogram[0]),
+        *(values.sum(axis=0) - values for values in sums),
     )
     return pooled, left_out
+
+
+def widening(replicates: int) -> float:
+    """Return what standard errors over few replicates are multiplied by."""
+    return _FEW_REPLICATES.get(replicates, 1.0)
+
+
+class _Distribution:
+    """The distribution of LCI over the reachable volume, linear within the histogram's bins.
+
+    Bins end at the sample's extremes, so that nothing is beyond them and a constant index is exact.
+
+    Parameters
+    ----------
+    histogram : (R, BINS) float64
+    hits : float
+        Points behind the counts, which are less on lines.
+    smallest, largest : float
+    """
+
+    def __init__(
+        self, histogram: NDArray[np.float64], hits: float, smallest: float, largest: float
+    ) -> None:
+        edges = np.clip(bin_edges(), smallest, largest)
+        self._left, self._width = edges[:-1], np.diff(edges)
+        self._parts = histogram
+        self._counts = histogram.sum(axis=0)
+        self._below = np.concatenate([[0.0], np.cumsum(self._counts)])
+        self._total = float(self._below[-1])
+        self._hits = hits
+
+    def quantile(self, q: float) -> Estimate:
+        """Return a quantile; its error is of the sample and of what is unknown within its bin."""
+        value, k, part = self._find(q)
+        # The share below the value is a mean: its error over replicates, brought to the axis of
+        # LCI by the distribution itself (Woodruff 1952), needs no second look at the points.
+        below = self._parts[:, :k].sum(axis=1) + part * self._parts[:, k]
+        replicates = len(below)
+        rest = below - q * self._parts.sum(axis=1)
+        spread = math.sqrt(replicates / max(replicates - 1, 1) * float((rest**2).sum()))
+        off = max(widening(replicates) * spread / self._total, 1 / self._hits)
+        error = max(self._rise(value, q, off), self._rise(value, q, -off))
+        return Estimate(value, error + self.resolution(k, part))
+
+    def _find(self, q: float) -> tuple[float, int, float]:
+        """Return a quantile, its bin and the share of the bin's points that is below it."""
+        wanted = q * self._total
+        k = int(np.searchsorted(self._below[1:], wanted, side="left"))
+        k = min(k, len(self._counts) - 1)
+        part = min((wanted - float(self._below[k])) / float(self._counts[k]), 1.0)
+        return float(self._left[k] + part * self._width[k]), k, part
+
+    def _rise(self, value: float, q: float, off: float) -> float:
+        """Return how far the quantile of q + off is from that of q, beyond the extremes in line."""
+        room = 1 - q if off > 0 else q
+        scale = max(abs(off) / room, 1.0)
+        end = self._find(min(max(q + off, 1e-12), 1.0))[0]
+        return abs(end - value) * scale
+
+    def resolution(self, k: int, part: float) -> float:
+        """Return how far a value within a bin may be off, since points in it have no place.
+
+        The density there may differ from the bin's mean by as much as those of its neighbours do,
+        less what chance does. A bin that stands out far holds its points anywhere.
+        """
+        width = float(self._width[k])
+        if not width > 0:
+            return 0.0
+        near = [n for n in (k - 1, k + 1) if 0 <= n < len(self._width) and self._width[n] > 0]
+        points = self._hits / self._total
+        own = points * float(self._counts[k])
+        excess = 0.0
+        for n in near:
+            ratio = width / float(self._width[n])
+            other = points * float(self._counts[n])
+            chance = math.sqrt(own + ratio**2 * other)
+            excess = max(excess, abs(own - ratio * other) - chance)
+        if excess > own / 2:
+            return width * max(part, 1 - part)
+        return width * min(part, 1 - part) * excess / own
 
 
 def from_replicates(tallies: Tallies) -> Estimates:
@@ -150,41 +188,74 @@ def from_replicates(tallies: Tallies) -> Estimates:
     replicates = len(parts)
     spread = parts - parts.mean(axis=0)
     errors = np.sqrt((replicates - 1) / replicates * (spread**2).sum(axis=0))
-    return _assemble(values, errors, box, pooled)
+    errors *= widening(replicates)
+    return _assemble(values, errors, _quantiles(tallies), tallies)
 
 
-def from_grids(fine: Tallies, coarse: Sequence[tuple[float, Tallies]]) -> Estimates:
-    """Return the estimates of the finest grid, with errors from coarser ones.
+def from_grid(grid: Tallies, sample: Tallies) -> Estimates:
+    """Return the estimates of a grid; their errors are bounds.
 
-    Each coarser grid differs from the fine one by both errors. A grid's error falls at least
-    with the first power of its spacing (with the second, on average, where no boundary follows an
-    axis), so that with ratio s of the spacings the difference has a mean square of at least
-    (s^2 + 1) times the fine grid's.
+    A grid has no error of its own that can be estimated: its coarser versions share its ways to
+    err. What an independent sample finds differs from it by the grid's error and the sample's own,
+    of which three standard errors are added.
 
     Parameters
     ----------
-    fine : Tallies
-    coarse : sequence of (ratio of spacings, tallies)
+    grid : Tallies
+        A single replicate.
+    sample : Tallies
+        Of independent points in the same box.
     """
-    box = float(fine.box[0])
-    pooled = _pool(fine)[0]
-    values = _vector(box, pooled)[0]
-    squares = [
-        (_vector(box, _pool(tallies)[0])[0] - values) ** 2 / (ratio**2 + 1)
-        for ratio, tallies in coarse
-    ]
-    return _assemble(values, np.sqrt(np.mean(squares, axis=0)), box, pooled)
+    box = float(grid.box[0])
+    found = from_replicates(sample)
+    values = _vector(box, _pool(grid)[0])[0]
+    others = [
+        found.volume, found.gci, *found.region_volumes, *found.region_shares,
+    ]  # fmt: skip
+    errors = np.array([_bound(float(v), e) for v, e in zip(values, others, strict=True)])
+    quantiles = []
+    own = _distribution(grid)
+    for q, other in zip(QUANTILES, found.quantiles, strict=True):
+        if own is None:
+            quantiles.append(Estimate(math.nan, math.nan))
+            continue
+        value, k, part = own._find(q)
+        quantiles.append(Estimate(value, _bound(value, other) + own.resolution(k, part)))
+    return _assemble(values, errors, tuple(quantiles), grid)
+
+
+def _bound(value: float, other: Estimate) -> float:
+    return abs(value - other.value) + _BOUND * other.error
+
+
+def _distribution(tallies: Tallies) -> _Distribution | None:
+    histogram, hits = tallies.histogram[0], float(tallies.hits[0].sum())
+    if hits == 0 or histogram.size == 0:
+        return None
+    smallest, largest = tallies.smallest[0].min(), tallies.largest[0].max()
+    return _Distribution(histogram, hits, float(smallest), float(largest))
+
+
+def _quantiles(tallies: Tallies) -> tuple[Estimate, ...]:
+    found = _distribution(tallies)
+    if found is None:
+        return (Estimate(math.nan, math.nan),) * len(QUANTILES)
+    return tuple(found.quantile(q) for q in QUANTILES)
 
 
 def _assemble(
-    values: NDArray[np.float64], errors: NDArray[np.float64], box: float, sums: _Sums
+    values: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    quantiles: tuple[Estimate, ...],
+    tallies: Tallies,
 ) -> Estimates:
-    samples, reachable = int(sums.points[0]), int(sums.hits[0])
-    regions = sums.above.shape[1] + 1
-    one_point = box / samples
+    samples = tallies.points * tallies.reachable.shape[-1]
+    reachable = int(tallies.hits[0].sum())
+    regions = tallies.above.shape[-1] + 1
+    one_point = float(tallies.box[0]) / samples
     floors = np.zeros_like(values)
     floors[0] = one_point
-    first = 4 + len(QUANTILES)
+    first = 2
     floors[first : first + regions] = one_point
     floors[first + regions :] = 1 / reachable if reachable else math.nan
     pairs = [
@@ -194,9 +265,9 @@ def _assemble(
     return Estimates(
         volume=pairs[0],
         gci=pairs[1],
-        smallest=pairs[2],
-        largest=pairs[3],
-        quantiles=tuple(pairs[4:first]),
+        smallest=float(tallies.smallest[0].min()) if reachable else math.nan,
+        largest=float(tallies.largest[0].max()) if reachable else math.nan,
+        quantiles=quantiles,
         region_volumes=tuple(pairs[first : first + regions]),
         region_shares=tuple(pairs[first + regions :]),
         samples=samples,
@@ -222,13 +293,13 @@ def of_population(tallies: Tallies) -> PopulationEstimates:
     replicates = tallies.reachable.shape[1]
     points = tallies.points
     count = tallies.reachable.sum(axis=1)
-    scale = replicates / (replicates - 1)
+    scale, wider = replicates / (replicates - 1), widening(replicates)
     with np.errstate(invalid="ignore", divide="ignore"):
         gci = tallies.total.sum(axis=1) / count
         residual = tallies.total - gci[:, None] * tallies.reachable
-        gci_error = np.sqrt(scale * (residual**2).sum(axis=1)) / count
+        gci_error = wider * np.sqrt(scale * (residual**2).sum(axis=1)) / count
     deviation = tallies.reachable - tallies.reachable.mean(axis=1, keepdims=True)
-    sem = np.sqrt(scale * (deviation**2).sum(axis=1)) / (replicates * points)
+    sem = wider * np.sqrt(scale * (deviation**2).sum(axis=1)) / (replicates * points)
     return PopulationEstimates(
         volume=tallies.box * count / (replicates * points),
         volume_error=tallies.box * np.maximum(sem, 1 / (replicates * points)),

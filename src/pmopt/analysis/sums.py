@@ -25,17 +25,14 @@ class Sums:
     chunks : int
         Chunks in the sums.
     whole : tuple of Tallies
-        Of the coarser grids that are done, where there are grids.
+        Where there is a grid, of the sample that it is compared with, once that is done.
     part : Tallies or None
         Of the first points of each replicate; the next block begins where they end.
-    worst : float
-        On the way to a target error, the relative standard error after the round before.
     """
 
     chunks: int = 0
     whole: tuple[Tallies, ...] = ()
     part: Tallies | None = None
-    worst: float = math.inf
 
     @property
     def points(self) -> int:
@@ -51,31 +48,29 @@ class Sums:
         return replace(self, chunks=self.chunks + chunks, part=part)
 
     def to_plain(self) -> tuple[dict[str, Any], NDArray[np.float64]]:
-        """Return facts that JSON can hold and a table, a row for each of the tallies."""
+        """Return facts that JSON can hold and a table of one row."""
         rows = [*self.whole, *([] if self.part is None else [self.part])]
         facts = {
             "whole": len(self.whole),
-            "worst": self.worst if math.isfinite(self.worst) else None,
-            "shapes": [getattr(rows[0], name).shape for name in _ARRAYS],
+            "shapes": [[getattr(t, name).shape for name in _ARRAYS] for t in rows],
         }
-        table = [
-            np.concatenate([[t.points], *(getattr(t, name).ravel() for name in _ARRAYS)])
-            for t in rows
+        parts = [
+            part for t in rows for part in ([t.points], *(getattr(t, k).ravel() for k in _ARRAYS))
         ]
-        return facts, np.stack(table)
+        return facts, np.concatenate(parts)[None]
 
     @classmethod
     def from_plain(cls, chunks: int, facts: Mapping[str, Any], table: NDArray[np.float64]) -> Sums:
         """Return the sums that :meth:`to_plain` gave."""
-        shapes = [tuple(shape) for shape in facts["shapes"]]
-        ends = np.cumsum([1, *(math.prod(shape) for shape in shapes)])
+        numbers, start = table[0], 0
         rows = []
-        for row in table:
-            parts = np.split(row, ends)
-            arrays: list[Any] = [
-                part.reshape(shape).copy() for part, shape in zip(parts[1:], shapes, strict=False)
-            ]
-            rows.append(Tallies(int(row[0]), *arrays))
-        count, worst = facts["whole"], facts["worst"]
-        part = rows[count] if len(rows) > count else None
-        return cls(chunks, tuple(rows[:count]), part, math.inf if worst is None else worst)
+        for shapes in facts["shapes"]:
+            points, start = int(numbers[start]), start + 1
+            arrays: list[Any] = []
+            for shape in shapes:
+                size = math.prod(shape)
+                arrays.append(numbers[start : start + size].reshape(shape).copy())
+                start += size
+            rows.append(Tallies(points, *arrays))
+        count = facts["whole"]
+        return cls(chunks, tuple(rows[:count]), rows[count] if len(rows) > count else None)

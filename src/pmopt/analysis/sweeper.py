@@ -23,8 +23,8 @@ from pmopt.threads import default_threads, ordered_map
 if TYPE_CHECKING:
     from pmopt.cluster import Cluster
 
-#: Bins of the LCI histogram over [0, 1]; quantiles are interpolated within them.
-BINS = 1000
+#: Bins of the LCI histogram; see :func:`pmopt.numerics.sweep.bin_of`.
+BINS = sweep.BINS
 #: Points of one chunk, all replicates together: some milliseconds of work.
 CHUNK = 1 << 18
 #: Chunks of one block: what is summed by itself and may be kept, or computed elsewhere.
@@ -34,6 +34,8 @@ Notify = Callable[[str], None]
 #: Called with the points of a replicate done so far.
 Done = Callable[[int], None]
 
+#: Entries that the search for the extremes of the index calls.
+_SEARCHING = ("field", "points", "probe")
 #: Where the tool point is in the base frame; limits can be set on it where there is a tool.
 TOOL = tuple(Coordinate(f"tool_{axis}", "length", f"{axis} of the tool point") for axis in "xyz")
 #: The characteristic length that is best is sought on this many points, within this factor.
@@ -324,6 +326,13 @@ class Sweeper:
     def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling calls."""
         return {self._sweep: ("sweep",)}
+
+    @property
+    def measuring_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """Of :attr:`kernels`, what sampling and the search for extremes call."""
+        found = self.sampling_kernels
+        called = dict.fromkeys((*found.get(self._kernels, ()), *_SEARCHING))
+        return found | {self._kernels: tuple(called)}
 
     def for_purpose(self, purpose: str) -> Sweeper:
         """Return a sweeper with the same settings and independent sample points."""

@@ -15,7 +15,10 @@ if TYPE_CHECKING:  # a workspace does without
 
 
 def warm_up(
-    users: Iterable[Sweeper | Mover | Assembling], workers: int, shapes: bool = True
+    users: Iterable[Sweeper | Mover | Assembling],
+    workers: int,
+    shapes: bool = True,
+    extremes: bool = False,
 ) -> dict[str, int]:
     """Compile what is missing of all that workspaces, their shapes and motions call.
 
@@ -28,6 +31,8 @@ def warm_up(
         Processes at most.
     shapes : bool
         False leaves out what only shapes, positions and pictures call.
+    extremes : bool
+        Without shapes, keep what looks for the extremes of the index.
 
     Returns
     -------
@@ -40,7 +45,7 @@ def warm_up(
     for user in users:
         called = user.kernels
         if isinstance(user, Sweeper) and not shapes:
-            called = user.sampling_kernels
+            called = user.measuring_kernels if extremes else user.sampling_kernels
         new = [
             (compiled, entry)
             for compiled, entries in called.items()

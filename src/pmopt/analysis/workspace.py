@@ -7,12 +7,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pmopt.analysis.aspects import make_sweeper, require_home
 from pmopt.analysis.blocks import blocks_on
-from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grids, from_replicates
+from pmopt.analysis.estimates import QUANTILES, Estimate, Estimates, from_grid, from_replicates
+from pmopt.analysis.extremes import Extreme, find_extremes
 from pmopt.analysis.projection import PROJECTION_SAMPLES, Projection, measure_projection
 from pmopt.analysis.reads import TOOL_NEEDS, Reads, tool_is_read
-from pmopt.analysis.settings import DEFAULT_SAMPLES, MAX_SAMPLES, WorkspaceSettings, split_samples
+from pmopt.analysis.settings import (
+    DEFAULT_REPLICATES,
+    DEFAULT_SAMPLES,
+    MAX_SAMPLES,
+    WorkspaceSettings,
+    split_samples,
+)
 from pmopt.analysis.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
 from pmopt.analysis.sums import Sums
 from pmopt.analysis.sweeper import (
@@ -27,8 +37,9 @@ from pmopt.analysis.sweeper import (
     chunk_ranges,
 )
 from pmopt.analysis.warmup import warm_up
-from pmopt.errors import InputError, PmoptError
+from pmopt.errors import PmoptError
 from pmopt.mechanisms.base import JacobianKind, Mechanism
+from pmopt.numerics.bins import bin_edges
 from pmopt.numerics.sequences import BLOCK, Sequence, make_grid
 from pmopt.units import ONE, measure_unit, unit_of
 
@@ -40,12 +51,16 @@ Progress = Callable[[int, int], None]
 #: Called with what has been summed after every whole block: to go on from it another time.
 Keep = Callable[[Sums], None]
 
-#: Spacings of the coarser grids that estimate a grid's error, relative to its own.
-_COARSER_GRIDS = (0.4, 0.5, 0.6, 0.7)
-#: Samples of the first round to a target error; on lines, exact along one coordinate, fewer do.
-_FIRST_ROUND = 1 << 18
-_FIRST_ON_LINES = 1 << 15
 DEFAULT_SEED = 1
+#: Least samples that a grid is compared with.
+_LEAST_COMPARED = 1 << 14
+#: On the way to a target error: replicates (that an error estimate be less by chance where it is
+#: looked at again and again), samples of the first round, reachable ones that an error estimate
+#: needs, and samples none of which is reachable that end the search.
+_TARGET_REPLICATES = 32
+_FIRST_ROUND = 1 << 10
+_ENOUGH_REACHABLE = 64
+_ALL_IN_VAIN = 1 << 18
 #: Samples of the home aspect or of a block: each costs some hundred times a compiled one.
 FIELD_SAMPLES = 1 << 20
 
@@ -81,8 +96,8 @@ class WorkspaceResult:
     volume: Estimate
     volume_unit: str
     gci: Estimate
-    smallest: Estimate
-    largest: Estimate
+    smallest: Extreme
+    largest: Extreme
     quantiles: tuple[Estimate, ...]
     regions: tuple[Region, ...]
     samples: int
@@ -100,19 +115,32 @@ class WorkspaceResult:
         )
         return f"{self.settings.block} rows of the {note}" if self.settings.block else note
 
+    @property
+    def error_name(self) -> str:
+        """What the errors beside values are: ``standard_error``, of a grid ``error_bound``."""
+        return "error_bound" if self.grid else "standard_error"
+
+    @property
+    def histogram_edges(self) -> NDArray[np.float64]:
+        """The edges of the histogram's bins, one more than these."""
+        return bin_edges()
+
     def _projected(self, name: str, unit: str) -> dict[str, Any] | None:
         if self.projection is None:
             return None
         found: Estimate = getattr(self.projection, name)
+        # Where poses are positions the volume is the workspace's own, and so is its error.
+        error = self.error_name if found is self.volume else "standard_error"
         return {
             "value": number(found.value),
             "unit": self.units[unit],
-            "standard_error": number(found.error),
+            error: number(found.error),
         }
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         quantiles = dict(zip(map(str, QUANTILES), self.quantiles, strict=True))
+        error = self.error_name
         return {
             "mechanism": self.mechanism,
             "params": self.params,
@@ -128,7 +156,7 @@ class WorkspaceResult:
                 "seed": self.seed,
                 "grid": self.grid,
                 "replicates": self.replicates,
-                "error_estimate": "refinement" if self.grid else "replicates",
+                "error_estimate": "comparison" if self.grid else "replicates",
             },
             "domain": {name: list(ends) for name, ends in self.box.items()},
             "limits": {name: [number(end) for end in ends] for name, ends in self.limits.items()},
@@ -143,23 +171,18 @@ class WorkspaceResult:
             "volume": {
                 "value": number(self.volume.value),
                 "unit": self.volume_unit,
-                "standard_error": number(self.volume.error),
+                error: number(self.volume.error),
             },
-            "gci": {
-                "value": number(self.gci.value),
-                "standard_error": number(self.gci.error),
-            },
+            "gci": {"value": number(self.gci.value), error: number(self.gci.error)},
             "lci": {
                 "min": number(self.smallest.value),
                 "max": number(self.largest.value),
+                "min_bound": self.smallest.bound,
+                "max_bound": self.largest.bound,
                 "mean": number(self.gci.value),
+                error: number(self.gci.error),
                 "quantiles": {q: number(e.value) for q, e in quantiles.items()},
-                "standard_error": {
-                    "min": number(self.smallest.error),
-                    "max": number(self.largest.error),
-                    "mean": number(self.gci.error),
-                    "quantiles": {q: number(e.error) for q, e in quantiles.items()},
-                },
+                "quantile_errors": {q: number(e.error) for q, e in quantiles.items()},
             },
             "regions": [
                 {
@@ -167,8 +190,8 @@ class WorkspaceResult:
                     "upper": r.upper,
                     "volume": number(r.volume.value),
                     "share": number(r.share.value),
-                    "volume_standard_error": number(r.volume.error),
-                    "share_standard_error": number(r.share.error),
+                    f"volume_{error}": number(r.volume.error),
+                    f"share_{error}": number(r.share.error),
                 }
                 for r in self.regions
             ],
@@ -272,15 +295,15 @@ def compute_workspace(
     dimension = len(mechanism.pose)
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     check_cells(cells, dimension, "shape_grid")
-    check_read(settings, seed, cells)
+    check_read(settings, cells)
     sweeper = make_sweeper(mechanism, settings, seed, threads, notify)
-    warm_up([sweeper], sweeper.threads, shapes=cells > 0)
+    warm_up([sweeper], sweeper.threads, shapes=cells > 0, extremes=True)
     design = sweeper.design(mechanism.resolve(params or {}))
     require_home(sweeper, design)
     course = begun or Sums(), keep, progress
     sweeper.cluster = cluster
     if settings.grid is not None:
-        tallies, estimates = measure_on_grids(sweeper, design, settings.grid, *course)
+        tallies, estimates = measure_on_grid(sweeper, design, settings.grid, *course)
     elif settings.target_error is not None:
         tallies, estimates = measure_to_target(sweeper, design, settings.target_error, *course)
     else:
@@ -294,10 +317,11 @@ def compute_workspace(
         projection = measure_projection(
             sweeper, design, min(estimates.samples, PROJECTION_SAMPLES), (estimates.volume, shape)
         )
-    return _result(sweeper, design, tallies, estimates, shape, projection)
+    extremes = find_extremes(sweeper, design, estimates.smallest, estimates.largest)
+    return _result(sweeper, design, tallies, estimates, extremes, shape, projection)
 
 
-def check_read(settings: WorkspaceSettings, seed: int, shape_grid: int) -> None:
+def check_read(settings: WorkspaceSettings, shape_grid: int) -> None:
     """Refuse what changes nothing: all settings are read, but some not without the shape.
 
     Raises
@@ -309,12 +333,6 @@ def check_read(settings: WorkspaceSettings, seed: int, shape_grid: int) -> None:
     Reads("workspace", frozenset(type(settings).model_fields), {
         "tool": (f"{TOOL_NEEDS[0]}, or with shape_grid > 0", tool_is_read),
     }).check(settings)  # fmt: skip
-    random = settings.grid is None or settings.characteristic_length == "optimal"
-    if not random and seed != DEFAULT_SEED:
-        raise InputError(
-            f"workspace: seed={seed} and grid={settings.grid} exclude each other without a shape: "
-            "a grid is not random"
-        )
 
 
 def planned_samples(settings: WorkspaceSettings) -> int:
@@ -368,8 +386,7 @@ def measure_to_target(
 ) -> tuple[Tallies, Estimates]:
     """Double the samples until volume and GCI have the relative standard error asked for.
 
-    With few samples the error estimate itself is rough, so that the first estimate below the
-    target is checked by one further doubling. At ``most`` samples it ends with what is reached.
+    At ``most`` samples it ends with what is reached.
 
     Raises
     ------
@@ -377,32 +394,36 @@ def measure_to_target(
         Without ``most``, when the largest number of samples does not do.
     """
     sums = sums or Sums()
-    first = _FIRST_ON_LINES if sweeper.settings.sampler == "lines" else _FIRST_ROUND
-    replicates = sweeper.settings.replicates or split_samples(first, None)[0]
-    last = max(1, first // replicates // BLOCK) * BLOCK  # a later round begins a block
+    replicates = sweeper.settings.replicates or _TARGET_REPLICATES
+    # A power of two, and once a block is reached whole blocks, as Sobol' points need them.
+    last = 1 << max(4, math.ceil(math.log2(_FIRST_ROUND / replicates)))
     while last < sums.points:
         last *= 2
     points = sweeper.sequence(replicates)
     while True:
+        if sums.points % BLOCK:
+            sums = Sums()  # less than a block: again from its beginning
         sums = _accumulate(sweeper, design, points, last, sums, keep, progress)
         tallies = _whole(sums)
         estimates = from_replicates(tallies)
         errors = [e.error / e.value if e.value else 0.0 for e in (estimates.volume, estimates.gci)]
         worst = max((e for e in errors if not math.isnan(e)), default=0.0)
-        if max(worst, sums.worst) <= target or estimates.reachable == 0:
+        if worst <= target and estimates.reachable >= _ENOUGH_REACHABLE:
             return tallies, estimates
-        if most is not None and 2 * last * replicates > most:
+        samples = last * replicates
+        if estimates.reachable == 0 and samples >= _ALL_IN_VAIN:
             return tallies, estimates
-        if 2 * last * replicates > MAX_SAMPLES:
+        if most is not None and 2 * samples > most:
+            return tallies, estimates
+        if 2 * samples > MAX_SAMPLES:
             raise PmoptError(
-                f"target error {target} not reached with {last * replicates} samples: "
+                f"target error {target} not reached with {samples} samples: "
                 f"the relative standard error is {worst:.2g}"
             )
-        sums = replace(sums, worst=worst)
         last *= 2
 
 
-def measure_on_grids(
+def measure_on_grid(
     sweeper: Sweeper,
     design: Design,
     cells: int,
@@ -410,25 +431,25 @@ def measure_on_grids(
     keep: Keep | None = None,
     progress: Progress | None = None,
 ) -> tuple[Tallies, Estimates]:
-    """Evaluate the grid and coarser ones that tell its error."""
+    """Evaluate a grid and as many independent samples, that bound its error."""
     dimension = len(design.width)
     check_grid(cells, dimension)
     sums = sums or Sums()
-    sizes = [max(2, round(cells * ratio)) for ratio in _COARSER_GRIDS] + [cells]
-    planned = sum(n**dimension for n in sizes)
-    for n in sizes[len(sums.whole) :]:
-        done = sum(t.points for t in sums.whole)
+    count = cells**dimension
+    replicates, each = split_samples(max(count, _LEAST_COMPARED), DEFAULT_REPLICATES)
+    samples = replicates * each
 
-        def report(count: int, _: int, done: int = done) -> None:
-            if progress:
-                progress(done + count, planned)
+    def report(done: int) -> Progress:
+        return lambda points, _: progress(done + points, samples + count) if progress else None
 
-        grid = make_grid(dimension, n)
-        sums = _accumulate(sweeper, design, grid, n**dimension, sums, keep, report)
-        sums = replace(sums, whole=(*sums.whole, _whole(sums)), part=None)
-    *coarser, fine = sums.whole
-    coarse = [(cells / n, t) for n, t in zip(sizes[:-1], coarser, strict=True)]
-    return fine, from_grids(fine, coarse)
+    if not sums.whole:
+        points = sweeper.sequence(replicates)
+        sums = _accumulate(sweeper, design, points, each, sums, keep, report(0))
+        sums = replace(sums, whole=(_whole(sums),), part=None)
+    grid = make_grid(dimension, cells)
+    sums = _accumulate(sweeper, design, grid, count, sums, keep, report(samples))
+    tallies = _whole(sums)
+    return tallies, from_grid(tallies, sums.whole[0])
 
 
 def _result(
@@ -436,6 +457,7 @@ def _result(
     design: Design,
     tallies: Tallies,
     estimates: Estimates,
+    extremes: tuple[Extreme, Extreme],
     shape: Shape | None,
     projection: Projection | None,
 ) -> WorkspaceResult:
@@ -474,8 +496,8 @@ def _result(
         volume=estimates.volume,
         volume_unit=unit,
         gci=estimates.gci,
-        smallest=estimates.smallest,
-        largest=estimates.largest,
+        smallest=extremes[0],
+        largest=extremes[1],
         quantiles=estimates.quantiles,
         regions=tuple(
             Region(low, high, volume, share)

@@ -28,6 +28,20 @@ WITHIN = 5  # points inside every limit, whatever their LCI
 HITS = 6  # as REACHABLE, but points on lines count as one, whatever their weight
 STATISTICS = 7
 
+# Bins of the histogram of LCI: equal parts of octaves, told by the first bits of a float, so that
+# they are narrow for what they hold at any scale. Indices are not negative: in that order lie
+# their bits too. 128 bins an octave down to 2**-20, then 32 down to 2**-64; the first bin holds
+# what is below, 0 among it.
+FINE_SHIFT = 45
+COARSE_SHIFT = 47
+_FINE, _COARSE = 20, 64  # octaves below 1
+#: Number of bins.
+BINS = 1 + (_COARSE - _FINE) * 32 + _FINE * 128
+#: What is taken from the first bits to give a bin; the lines of both meet at 2**-_FINE.
+FINE_BASE = 1023 * 128 - BINS
+COARSE_BASE = FINE_BASE - (1023 - _FINE) * 96
+LAST_BIN = BINS - 1
+
 TWO_POW_M52 = 1.0 / 4503599627370496.0
 TWO_POW_M64 = 1.0 / 18446744073709551616.0
 
@@ -114,6 +128,13 @@ def sum_of(values, count):
     for i in range(whole, count):
         s0 += values[i]
     return (s0 + s1) + (s2 + s3)
+
+
+def bin_of(bits):
+    """Return the bin of an index, of its bits."""
+    fine = (bits >> FINE_SHIFT) - FINE_BASE
+    coarse = (bits >> COARSE_SHIFT) - COARSE_BASE
+    return min(max(fine, coarse, 0), LAST_BIN)
 
 
 def gather(row, chosen, kept, spare):
@@ -226,7 +247,7 @@ def sweep(
     region_counts : (D, R, e) float64
         Points with an index of at least the edge.
     histogram : (D, R, b) float64
-        Counts in b equal bins of [0, 1]; b = 0 for none.
+        Counts in the bins of :func:`bin_of`, b = BINS; b = 0 for none.
     scratch : (rows, PITCH) float64
         Overwritten; see ``Recipe.scratch_rows``.
     chosen : (BLOCK,) int64
@@ -320,7 +341,9 @@ def sweep(
                         counts[e] += weight_above(lci, weight, edges[e], kept)
                     if bins > 0:
                         for i in range(kept):
-                            tally[min(bins - 1, int(lci[i] * bins))] += weight[i]
+                            chosen[i] = bin_of(bits[i])
+                        for i in range(kept):
+                            tally[chosen[i]] += weight[i]
                     continue
                 reachable += kept
                 total += sum_of(lci, kept)
@@ -332,7 +355,9 @@ def sweep(
                     counts[e] += above
                 if bins > 0:
                     for i in range(kept):
-                        tally[min(bins - 1, int(lci[i] * bins))] += 1
+                        chosen[i] = bin_of(bits[i])
+                    for i in range(kept):
+                        tally[chosen[i]] += 1
             row = statistics[design, replicate]
             row[REACHABLE] = reachable
             row[SUM_LCI] = total

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from pmopt.reporting.run_folder import read_manifest
-from pmopt.reporting.runners import RUNNERS, Results
+from pmopt.reporting.runners import ERRORS, RUNNERS, Results
 from pmopt.reporting.table import Cell, Table
 
 #: File of what kept a run from its end.
@@ -55,7 +55,7 @@ class RunSummary:
     @property
     def headline(self) -> str:
         """Name, status, and the message or the first results."""
-        names = [key for key in self.results.values if not key.endswith("_error")]
+        names = [key for key in self.results.values if not key.endswith(ERRORS)]
         first = ", ".join(f"{key} {self.results.shown(key)}" for key in names[:2])
         text = self.message or first
         return f"{self.name}: {self.status}{f', {text}' if text else ''}"
@@ -168,7 +168,7 @@ class BatchResult:
     def _of_group(self, runs: list[RunSummary], notes: tuple[str, ...]) -> Table:
         swept = [key for key in _in_order(run.swept for run in runs) if key not in _FIXED]
         shown = [key for key in _in_order(run.results.values for run in runs)
-                 if not key.endswith("_error")]  # fmt: skip
+                 if not key.endswith(ERRORS)]  # fmt: skip
         fixed = ["mechanism"] if len({run.mechanism for run in runs}) > 1 else []
         units = _common_units(runs)
         rows = tuple(

@@ -56,6 +56,8 @@ _STYLE: dict[str, Any] = {
 #: Width of a character of the smaller text, in inches.
 CHARACTER = 0.066
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Where the largest index is smaller than this, axes and colours end there.
+SMALL_INDEX = 0.1
 NAMES = {"gci": "GCI", "lci": "LCI"}
 
 
@@ -150,6 +152,8 @@ def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str
     parts = [f"volume {with_unit(format_estimate(result.volume), result.volume_unit)}"]
     if result.reachable:
         parts.append(f"GCI {format_estimate(result.gci)}")
+    if result.grid:
+        parts.append("± are error bounds")
     parts += [f"{name} in [{exact(low)}, {exact(high)}] {result.units[name]}"
               for name, (low, high) in result.settings.limits.items()]  # fmt: skip
     if result.settings.min_lci > 0:
@@ -204,7 +208,19 @@ def parameter_text(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
 def largest_colour(result: WorkspaceResult) -> float:
     """Return where the colours of LCI end, the same in every picture of a workspace."""
     largest = result.largest.value
-    return 1.0 if math.isnan(largest) else min(1.0, max(0.1, math.ceil(10 * largest) / 10))
+    if math.isnan(largest) or largest <= 0:
+        return 1.0
+    if largest < SMALL_INDEX:
+        return rounded_up(largest)
+    return min(1.0, max(0.1, math.ceil(10 * largest) / 10))
+
+
+def rounded_up(value: float) -> float:
+    """Return the next number above that is 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten."""
+    power = math.floor(math.log10(value))
+    # Powers of ten are exact as text, not as products.
+    steps = (float(f"{step}e{power}") for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10))
+    return next((end for end in steps if end >= value), value)
 
 
 def colour_scale(result: WorkspaceResult) -> ScalarMappable:

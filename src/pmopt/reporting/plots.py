@@ -19,6 +19,7 @@ from pmopt.reporting.canvas import (
     INK,
     LINE,
     NAMES,
+    SMALL_INDEX,
     colour_scale,
     draw_nothing,
     fit_axes,
@@ -28,6 +29,7 @@ from pmopt.reporting.canvas import (
     largest_colour,
     new_figure,
     parameter_text,
+    rounded_up,
     to_picture,
     with_unit,
     write_caption,
@@ -48,6 +50,8 @@ _CUT = np.array([0.0, -1.0, 0.0])
 #: Largest ratio of sides that are drawn to one scale.
 _MOST_SLENDER = 12.0
 _BINS = 100
+#: Where the largest LCI is more than so many times the upper quantile the axis leaves it out.
+_TAIL = 10.0
 SINGULAR = "#ff3b1f"
 _NO_SCALE = "sides not to one scale"
 _STEPS = [1, 2, 2.5, 5, 10]
@@ -229,15 +233,17 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
     """
     if result.reachable == 0:
         return draw_nothing(result)
-    counts = np.array(result.histogram, dtype=float).reshape(_BINS, -1).sum(axis=1)
-    edges = np.linspace(0.0, 1.0, _BINS + 1)
     inner = list(result.settings.regions[1:-1])
     width, height, left, bottom, right = 7.2, 3.4, 0.85, 0.75, 0.25
     inches = width - left - right
     scale = colour_scale(result)
-    end = min(1.0, max([largest_colour(result), *(edge + 0.1 for edge in inner)]))
+    end, step = _axis(result)
+    inner = [edge for edge in inner if edge < end]
+    shares = _shares(result, step)
     texts, spans = [], []
     for region in result.regions:
+        if region.lower >= end:
+            continue
         bracket = "]" if region.upper == 1.0 else ")"
         share = format_estimate(Estimate(*(100 * v for v in region.share)))
         texts.append(f"[{region.lower:g}, {region.upper:g}{bracket}\n{share} %")
@@ -249,9 +255,9 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
     total = bottom + height + strip + 0.7
     with new_figure(width, total) as figure:
         axes = figure.add_axes((left / width, bottom / total, inches / width, height / total))
-        middles = (edges[:-1] + edges[1:]) / 2
+        middles = step * (np.arange(len(shares)) + 0.5)
         axes.bar(
-            middles, 100 * counts / counts.sum(), 1 / _BINS, color=scale.to_rgba(middles),
+            middles, 100 * shares, step, color=scale.to_rgba(middles),
             edgecolor="white", linewidth=0.3,
         )  # fmt: skip
         for edge in inner:
@@ -261,10 +267,46 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
             axes.text(*place, text, transform=axes.transAxes, ha="center", va="bottom", fontsize=8)
         axes.set_xlim(0.0, end)
         axes.set_xlabel(index_label(result))
-        axes.set_ylabel(f"share of the reachable volume\nper {1 / _BINS:g} of LCI (%)")
+        axes.set_ylabel(f"share of the reachable volume\nper {step:g} of LCI (%)")
         axes.spines[["top", "right"]].set_visible(False)
-        write_caption(figure, result)
+        ends = ((result.smallest, "≤", "least"), (result.largest, "≥", "largest"))
+        remarks = [
+            f"{name} LCI {'' if extreme.bound == 'proven' else f'{sign} '}{extreme.value:.4g}"
+            for extreme, sign, name in ends
+        ]
+        if result.largest.value > end:
+            remarks.append(f"{100 * (1 - shares.sum()):.2g} % are beyond the axis")
+        write_caption(figure, result, remarks)
         return to_picture(figure)
+
+
+def _axis(result: WorkspaceResult) -> tuple[float, float]:
+    """Return where the axis of LCI ends, and the width of bars.
+
+    As a rule from 0 to the largest index and the edges of the regions, in hundredths. Where all
+    indices are small, or nearly all are against the largest, it ends soon behind them.
+    """
+    most, high = result.largest.value, result.quantiles[-1].value
+    reach = most if most <= _TAIL * high else _TAIL / 2 * high
+    if 0 < reach < SMALL_INDEX:
+        end = rounded_up(reach)
+        return end, end / _BINS
+    inner = result.settings.regions[1:-1]
+    return min(1.0, max([largest_colour(result), *(edge + 0.1 for edge in inner)])), 1 / _BINS
+
+
+def _shares(result: WorkspaceResult, step: float) -> NDArray[np.float64]:
+    """Return the shares of the points in bars of equal width from 0 on.
+
+    The bins of the histogram are narrower than bars but for the lowest indices and, for the
+    highest, nearly as wide: what a bar cuts off is taken as even within its bin.
+    """
+    counts = np.array(result.histogram, dtype=float)
+    below = np.concatenate([[0.0], np.cumsum(counts)]) / counts.sum()
+    edges = np.clip(result.histogram_edges, result.smallest.value, result.largest.value)
+    ends = step * np.arange(_BINS + 1)
+    found = np.interp(ends, edges, below, left=0.0, right=1.0)
+    return np.asarray(np.diff(found))
 
 
 def draw_front(

@@ -39,6 +39,8 @@ from pmopt.units import ONE
 if TYPE_CHECKING:
     from pmopt.analysis.dynamics import Mover
 
+#: Ends of the names of what stands beside a result: its standard error, or a bound of its error.
+ERRORS = ("_error", "_error_bound")
 #: Called again and again during a run; what it raises ends the run.
 Beat = Callable[[], None]
 
@@ -52,14 +54,18 @@ class Results(NamedTuple):
     def unit(self, name: str) -> str:
         """Return the unit of a result, which is that of its quantity."""
         quantity = re.sub("^(best|knee|reference)_", "", name).removesuffix("_error")
+        quantity = quantity.removesuffix("_error_bound")
         return self.units.get(quantity, ONE)
 
     def shown(self, name: str, unit: bool = True) -> str:
         """Return a result as people read it: rounded to its error, with both and the unit."""
         value, error = self.values.get(name), self.values.get(f"{name}_error")
+        bound = self.values.get(f"{name}_error_bound")
         if value is None:
             return "-"
-        text = shown(value) if error is None else " ± ".join(with_error(value, error))
+        beside = bound if error is None else error
+        text = shown(value) if beside is None else " ± ".join(with_error(value, beside))
+        text += "" if bound is None else " (bound)"
         return f"{text} {self.unit(name)}" if unit and self.unit(name) != ONE else text
 
 
@@ -333,11 +339,13 @@ class WorkspaceRunner(Runner):
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return volume, GCI and their errors."""
         found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        bounded = "error_bound" in found["volume"]
+        suffix, kind = ("_bound", "error_bound") if bounded else ("", "standard_error")
         values = {
             name: value
             for key in ("volume", "gci")
             for name, value in (
-                (key, found[key]["value"]), (f"{key}_error", found[key]["standard_error"])
+                (key, found[key]["value"]), (f"{key}_error{suffix}", found[key][kind])
             )
         }  # fmt: skip
         values |= {"samples": found["samples"], "reachable": found["reachable"]}

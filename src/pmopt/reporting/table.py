@@ -14,6 +14,8 @@ import numpy as np
 
 from pmopt.units import ONE
 
+#: Smaller values are written with a power of ten.
+_SMALL = 1e-4
 Cell = str | float | int | bool | None
 
 
@@ -83,5 +85,9 @@ def with_error(value: float, error: float) -> tuple[str, str]:
         return "-", "-"
     if not error > 0:
         return f"{value:.6g}", "0"
+    size = max(abs(value), error)
+    if size < _SMALL:
+        digits = max(0, 1 + math.floor(math.log10(size)) - math.floor(math.log10(error)))
+        return f"{value:.{min(digits, 15)}e}", f"{error:.1e}"
     digits = min(12, max(0, 1 - math.floor(math.log10(error))))
     return f"{value:.{digits}f}", f"{error:.2g}"

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pmopt.mechanisms.base import PLATFORM
-from pmopt.reporting.table import Cell, Table, with_error
+from pmopt.reporting.table import Cell, Table, shown, with_error
 from pmopt.units import ONE, exact, span_text
 
 if TYPE_CHECKING:
+    from pmopt.analysis.extremes import Extreme
     from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.mechanisms import Mechanism
@@ -228,6 +229,18 @@ def jacobian_tables(result: JacobianResult) -> list[Table]:
     return tables
 
 
+#: Quantities of the workspace table that are measured on voxels.
+_IN_SPACE = ("projected volume", "footprint")
+
+
+def bounded_text(extreme: Extreme, sign: str) -> str:
+    """Return the least or the largest LCI as it is known: at most, at least, or proven."""
+    if math.isnan(extreme.value):
+        return "-"
+    text = shown(extreme.value)
+    return f"{text}, proven" if extreme.bound == "proven" else f"{sign} {text}"
+
+
 def workspace_tables(result: WorkspaceResult) -> list[Table]:
     """Return every sampled number with its error, then the shape."""
     unit = result.volume_unit
@@ -235,9 +248,7 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     entries = [
         ("volume", result.volume, unit),
         ("gci", result.gci, ONE),
-        ("lci min", result.smallest, ONE),
         *((f"lci quantile {q:g}", e, ONE) for q, e in quantiles),
-        ("lci max", result.largest, ONE),
     ]
     for region in result.regions:
         name = f"{region.lower:g} <= lci < {region.upper:g}"
@@ -248,25 +259,44 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
             ("projected volume", result.projection.volume, result.units["projected_volume"])
         )
         entries.append(("footprint", result.projection.footprint, result.units["footprint"]))
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (name, e.value if e.value == e.value else None, e.error if e.error == e.error else None, u)
-        for name, e, u in entries
-    )
-    display = tuple((name, *with_error(e.value, e.error), u) for name, e, u in entries)
+    bounded = result.grid is not None
+    rows: list[tuple[Cell, ...]] = []
+    display: list[tuple[Cell, ...]] = []
+
+    def add(name: str, value: Cell, texts: Sequence[Cell], error: Cell, unit: str,
+            own: bool = True) -> None:  # fmt: skip
+        """Add a row; errors that are not the grid's ``own`` are standard errors beside it."""
+        places = slice(None, None, 1 if own else -1)
+        beside: list[Cell] = [None] if bounded else []
+        rows.append((name, value, *[error, *beside][places], unit))
+        display.append((name, texts[0], *[texts[1], *beside][places], unit))
+
+    for name, e, u in entries:
+        value, error = (None if math.isnan(v) else v for v in e)
+        own = result.projection is None or e is result.volume or name not in _IN_SPACE
+        add(name, value, with_error(*e), error, u, own)
+        for after, extreme, sign in (
+            ("gci", result.smallest, "<="), ("lci quantile 0.95", result.largest, ">="),
+        ):  # fmt: skip
+            if name == after:
+                which = "lci min" if after == "gci" else "lci max"
+                value = None if math.isnan(extreme.value) else extreme.value
+                add(which, value, (bounded_text(extreme, sign), None), None, ONE)
     design = ", ".join(
         f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
         for k, v in result.params.items()
         if v is not None
     )
     sampler = f"{result.grid} cells an axis" if result.grid else f"{result.replicates} replicates"
+    errors = ("error_bound", "standard_error") if bounded else ("standard_error",)
     notes = (
         f"{result.samples} samples ({result.sampler}, {sampler}, seed {result.seed}), "
         f"{result.reachable} reachable; working mode {result.working_mode}",
         f"LCI of the {result.index_note}; {result.norm}-norm",
     )
     tables = [
-        Table(f"{result.mechanism}: {design}", ("quantity", "value", "standard_error", "unit"),
-              rows, {}, notes, display),
+        Table(f"{result.mechanism}: {design}", ("quantity", "value", *errors, "unit"),
+              tuple(rows), {}, notes, tuple(display)),
     ]  # fmt: skip
     if result.shape:
         names = ["workspace", *(f"{r.lower:g} <= lci < {r.upper:g}" for r in result.regions)]

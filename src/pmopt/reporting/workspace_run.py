@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmopt.analysis.emptiness import require_reachable
-from pmopt.analysis.sweeper import BINS, Notify
+from pmopt.analysis.sweeper import Notify
 from pmopt.analysis.workspace import (
     Progress,
     WorkspaceResult,
@@ -42,12 +42,13 @@ def plan(task: WorkspaceTask, threads: int | None, notify: Notify) -> Plan:
         )  # fmt: skip
         seconds = time.perf_counter() - began
     if settings.grid is not None:
-        points, what = float(settings.grid) ** dimension * 1.7, f"grid of {settings.grid} cells"
+        points, what = float(settings.grid) ** dimension * 2, f"grid of {settings.grid} cells"
     elif settings.target_error is not None:
         # Low-discrepancy points: the error falls about with the power 0.85 of their number.
         worst = max(e.error / e.value if e.value > 0 else 0.0 for e in (found.volume, found.gci))
         power = 0.5 if settings.sampler == "monte-carlo" else 0.85
-        points = _PROBE * max(2.0, 2 * (worst / settings.target_error) ** (1 / power))
+        # The last of the doublings takes half as much again on average.
+        points = 1.5 * _PROBE * (worst / settings.target_error) ** (1 / power)
         what = f"{settings.sampler} to a relative error of {settings.target_error:g}"
     else:
         points = float(planned_samples(settings))
@@ -181,13 +182,22 @@ def _earlier(out: Path) -> WorkspaceTask | None:
 def histogram_table(result: WorkspaceResult) -> Table:
     """Return the LCI histogram: counts, and the volume and share they stand for.
 
+    Bins are equal parts of octaves; see :func:`pmopt.numerics.bins.bin_edges`.
+
     On lines a point counts with its weight.
     """
     total = sum(result.histogram) or 1
     volume = 0.0 if result.reachable == 0 else result.volume.value
+    edges = result.histogram_edges.tolist()
+    held = [k for k, count in enumerate(result.histogram) if count] or [0]
+    first, last = held[0], held[-1] + 1
+    # Empty bins below and above are one row each.
+    spans = [(0, first)] * (first > 0) + [(k, k + 1) for k in range(first, last)]
+    spans += [(last, len(edges) - 1)] * (last < len(edges) - 1)
     rows = tuple(
-        (i / BINS, (i + 1) / BINS, count, volume * count / total, count / total)
-        for i, count in enumerate(result.histogram)
+        (edges[a], edges[b], count, volume * count / total, count / total)
+        for a, b in spans
+        for count in (result.histogram[a],)
     )
     return Table("LCI histogram", ("lower", "upper", "count", "volume", "share"), rows,
                  result.units)  # fmt: skip
@@ -195,8 +205,10 @@ def histogram_table(result: WorkspaceResult) -> Table:
 
 def regions_table(result: WorkspaceResult) -> Table:
     """Return the volume breakdown by dexterity region."""
-    names = ("lower", "upper", "volume", "share", "volume_error", "share_error")
+    kind = result.error_name
+    error = "error" if kind == "standard_error" else kind
+    names = ("lower", "upper", "volume", "share", f"volume_{error}", f"share_{error}")
     document = result.to_dict()["regions"]
-    keys = ("lower", "upper", "volume", "share", "volume_standard_error", "share_standard_error")
+    keys = ("lower", "upper", "volume", "share", f"volume_{kind}", f"share_{kind}")
     rows = tuple(tuple(r[k] for k in keys) for r in document)
     return Table("Dexterity regions", names, rows, result.units)

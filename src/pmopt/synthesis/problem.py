@@ -21,7 +21,7 @@ from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import split_samples
 from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
 from pmopt.analysis.warmup import warm_up
-from pmopt.analysis.workspace import measure_on_grids, measure_to_target
+from pmopt.analysis.workspace import measure_on_grid, measure_to_target
 from pmopt.errors import InputError, PmoptError, UnreachableError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.base import Parameters
@@ -316,7 +316,7 @@ class DesignProblem:
         settings = self.config.workspace
         for design in designs:
             if settings.grid is not None:
-                tallies, found = measure_on_grids(self.sweeper, design, settings.grid)
+                tallies, found = measure_on_grid(self.sweeper, design, settings.grid)
             else:
                 assert settings.target_error is not None
                 tallies, found = measure_to_target(self.sweeper, design, settings.target_error)

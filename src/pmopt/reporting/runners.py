@@ -283,7 +283,7 @@ class WorkspaceRunner(Runner):
         cells = DEFAULT_GRIDS[dimension] if config.shape_grid is None else config.shape_grid
         check_cells(cells, dimension, f"{where}: shape_grid")
         try:
-            check_read(config.workspace, config.seed, cells)
+            check_read(config.workspace, cells)
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
         return cls(

@@ -132,3 +132,19 @@ def test_pictures_are_what_their_suffix_says(form, begins, folder, tmp_path):
     plotted = here("plot", RUN, "--out", tmp_path, "--picture-format", form, cwd=folder)
     assert plotted.returncode == 0
     assert (tmp_path / f"front.{form}").read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["jacobian"], ["draw", "--out", "a.png"], ["export", "--out", "a.xml"]],
+    ids=lambda words: words[0],
+)
+def test_strokes_of_ours_may_be_others(command, tmp_path):
+    """h3 of this pose is beyond the stroke of 0.3 m that the mechanism has from us."""
+    name, *options = command
+    pose = ["3-cur", "--pose", "z=0.55,beta=0.25,gamma=0.15", *options]
+    refused = here(name, *pose, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "misses its stroke" in refused.stderr
+    wider = "h1=0:800mm,h2=0:0.8,h3=0:0.8"
+    assert here(name, *pose, "--limits", wider, cwd=tmp_path).returncode == 0

@@ -102,7 +102,7 @@ def jacobian(
     mechanism, pose, params, working_mode
         See :func:`ik`.
     **options
-        ``kind``, ``characteristic_length`` and ``norm`` of
+        ``kind``, ``characteristic_length``, ``norm`` and ``limits`` of
         :func:`pmopt.analysis.kinematics.jacobian_at`.
     """
     return jacobian_at(find(mechanism), params, pose, working_mode, **options)

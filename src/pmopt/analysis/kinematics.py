@@ -543,6 +543,7 @@ def jacobian_at(
     kind: JacobianKind | None = None,
     characteristic_length: float | str | None = None,
     norm: str = "2",
+    limits: Mapping[str, Any] | None = None,
     where: str = "pose",
 ) -> JacobianResult:
     """Compute the Jacobian, its singular values and indices at a pose.
@@ -560,6 +561,8 @@ def jacobian_at(
     characteristic_length : float or "optimal", optional
         Default: the mechanism's own; optimal: the one with the smallest condition number here.
     norm : {"2", "fro"}
+    limits : mapping, optional
+        Of joints, instead of the mechanism's own.
 
     Raises
     ------
@@ -580,7 +583,7 @@ def jacobian_at(
         if kind == "raw":
             raise InputError("characteristic length: needs the homogenized Jacobian, not raw")
         kind = "homogenized"
-    found = inverse_kinematics(mechanism, params, pose, mode, where=where)
+    found = inverse_kinematics(mechanism, params, pose, mode, limits, where)
     branch = reached(mechanism, found, where)
     joints = branch.solutions[0].joints
     j_x, j_q = mechanism.velocity_maps(parameters, branch.pose, joints)

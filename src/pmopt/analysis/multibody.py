@@ -254,6 +254,7 @@ def declared_tree(
     pose: Mapping[str, Any] | None = None,
     working_mode: str | None = None,
     where: str = "pose",
+    limits: Mapping[str, Any] | None = None,
 ) -> Tree:
     """Return a mechanism with its own bodies and gravity as a tree.
 
@@ -268,6 +269,8 @@ def declared_tree(
         Default: the mechanism's first.
     where : str
         What errors call the pose.
+    limits : mapping, optional
+        Of joints, instead of the mechanism's own.
 
     Raises
     ------
@@ -277,7 +280,7 @@ def declared_tree(
     parameters = mechanism.resolve(params or {})
     mode = mechanism.check_mode(working_mode)
     given = mechanism.home(parameters) if pose is None else pose
-    found = inverse_kinematics(mechanism, parameters, given, mode, where=where)
+    found = inverse_kinematics(mechanism, parameters, given, mode, limits, where)
     reached(mechanism, found, where)
     gravity = [GRAVITY * d for d in mechanism.down]
     bodies = mechanism.bodies(parameters)

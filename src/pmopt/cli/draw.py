@@ -19,13 +19,15 @@ from pmopt.reporting.table import Table
 @click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="Default: the home pose.")
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
+@options.limits_option
 @click.option("--out", type=options.Place(), required=True, metavar="FILE.png|.svg|.pdf",
               help="The picture.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Overwrite the file.")
 @options.common_options
 def draw_command(
     mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
-    working_mode: str | None, out: Path, force: bool, form: str, quiet: bool, debug: bool,
+    working_mode: str | None, limits: tuple[str, ...], out: Path, force: bool,
+    form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Draw the mechanism at a pose: links, joints, platform.
 
@@ -43,7 +45,8 @@ def draw_command(
     parameters = options.design_parameters(mechanism, params)
     mode = mechanism.check_mode(working_mode, "--working-mode")
     given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
-    found = inverse_kinematics(mechanism, parameters, given, mode, where="--pose")
+    ranges = options.parse_ranges(limits, "--limits", mechanism)
+    found = inverse_kinematics(mechanism, parameters, given, mode, ranges, "--pose")
     reached(mechanism, found, "--pose")
     with drawn_as(form_of(out, "--out")):
         picture = draw_mechanism(mechanism, parameters, found.pose, mode)

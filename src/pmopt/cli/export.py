@@ -18,6 +18,7 @@ from pmopt.reporting.table import Table
 @click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="Default: the home pose.")
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
+@options.limits_option
 @click.option("--step", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
               metavar="S", help="The engine's step in s.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.xml|.mjcf",
@@ -26,7 +27,8 @@ from pmopt.reporting.table import Table
 @options.common_options
 def export_command(
     mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
-    working_mode: str | None, step: float, out: Path, force: bool, form: str, quiet: bool,
+    working_mode: str | None, limits: tuple[str, ...], step: float, out: Path,
+    force: bool, form: str, quiet: bool,
     debug: bool,
 ) -> None:  # fmt: skip
     """Write the mechanism as a MuJoCo model (MJCF): links, masses, joints, loops, motors.
@@ -50,7 +52,10 @@ def export_command(
     mode = mechanism.check_mode(working_mode, "--working-mode")
     given = options.split_pairs(pose, "--pose") if pose else mechanism.home(parameters)
     at = mechanism.check_coordinates(given, mechanism.pose, "--pose")
-    tree = declared_tree(mechanism, parameters, at, mode, "--pose")
+    tree = declared_tree(
+        mechanism, parameters, at, mode, "--pose",
+        options.parse_ranges(limits, "--limits", mechanism),
+    )  # fmt: skip
     write_atomic(out, to_mjcf(tree, step))
     notifier(quiet)(f"written to {out}")
     rows = tuple(

@@ -297,6 +297,12 @@ def say_unusual(beyond: Sequence[str], notes: Sequence[str] = ()) -> None:
             click.echo(note, err=True)
 
 
+limits_option = click.option(
+    "--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
+    help="Limits of joints instead of the mechanism's own; inf is allowed.",
+)  # fmt: skip
+
+
 def parse_ranges(
     texts: Sequence[str], option: str, mechanism: Mechanism
 ) -> dict[str, tuple[float, float]]:

@@ -147,13 +147,15 @@ def fk_command(
 @click.option("--pose", multiple=True, required=True, metavar="NAME=VALUE,..", help="The pose.")
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
+@options.limits_option
 @options.jacobian_options[0]
 @options.jacobian_options[1]
 @options.jacobian_options[2]
 @options.common_options
 def jacobian_command(
     mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
-    working_mode: str | None, kind: Any, characteristic_length: float | str | None, norm: str,
+    working_mode: str | None, limits: tuple[str, ...], kind: Any,
+    characteristic_length: float | str | None, norm: str,
     form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Jacobian, singular values, LCI and the distance to singularities at a pose.
@@ -170,6 +172,7 @@ def jacobian_command(
         kind=kind,
         characteristic_length=characteristic_length,
         norm=norm,
+        limits=options.parse_ranges(limits, "--limits", mechanism),
         where="--pose",
     )
     emit(form, result.to_dict(), tables.jacobian_tables(result))

@@ -139,6 +139,23 @@ def surface_distance(params, a, y, b):
     return distance.min()
 
 
+# --- histograms ---------------------------------------------------------------------------
+
+
+def bin_edges():
+    """Return 0, then 32 parts of each octave from 2^-64, from 2^-20 on 128, up to 1."""
+    edges = [0.0]
+    for octave in range(-64, 0):
+        parts = 32 if octave < -20 else 128
+        edges += [math.ldexp(1 + k / parts, octave) for k in range(parts)]
+    return np.array([*edges, 1.0])
+
+
+def histogram(values, weights=None):
+    """Count values in these bins, each but the last without its upper edge."""
+    return np.histogram(values, bins=bin_edges(), weights=weights)[0]
+
+
 # --- matrices -----------------------------------------------------------------------------
 
 

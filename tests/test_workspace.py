@@ -116,18 +116,19 @@ def test_target_error_is_reached(sampler):
     assert result.volume.error <= target * result.volume.value
     assert result.gci.error <= target * result.gci.value
     assert abs(result.volume.value - HALF_TORUS) < 4 * result.volume.error
-    assert result.samples >= 2**19  # checked by one further doubling
     assert result.samples & (result.samples - 1) == 0
+    half = compute(TORUS, sampler=sampler, samples=result.samples // 2, replicates=32)
+    assert any(e.error > target * e.value for e in (half.volume, half.gci))  # no more than needed
 
 
 def test_target_error_is_not_met_by_a_near_miss():
-    """With a target a tenth below the error of 2^19 samples, more are taken."""
+    """With a target a tenth below the error of 2^16 samples, more are taken."""
     options = {"sampler": "monte-carlo", "replicates": 16}
-    first = compute(TORUS, samples=2**19, **options)
+    first = compute(TORUS, samples=2**16, **options)
     estimates = (first.volume, first.gci)
     target = 0.9 * max(e.error / e.value for e in estimates)
     result = compute(TORUS, target_error=target, **options)
-    assert result.samples > 2**19
+    assert result.samples > 2**16
     assert max(e.error / e.value for e in (result.volume, result.gci)) <= target
 
 
@@ -148,8 +149,10 @@ def test_target_error_out_of_reach_is_an_error(monkeypatch):
 )
 def test_doubling_continues_the_sequence(sampler, replicates):
     """Samples added until a target is met are the ones a single run would take."""
-    doubled = compute(TORUS, sampler=sampler, replicates=replicates, target_error=2e-2)
-    assert doubled.samples == 2**18 // replicates // 512 * 512 * 2 * replicates
+    doubled = compute(TORUS, sampler=sampler, replicates=replicates, target_error=3e-3)
+    each = doubled.samples // replicates
+    assert each & (each - 1) == 0
+    assert each > 512  # more than the first blocks, which are made again
     direct = compute(TORUS, sampler=sampler, replicates=replicates, samples=doubled.samples)
     assert doubled.reachable == direct.reachable
     assert doubled.histogram == direct.histogram
@@ -283,8 +286,9 @@ def test_result_equals_trigonometry_and_singular_values(given, options):
     assert result.volume.value == pytest.approx(box * len(indices) / count, rel=1e-12)
     # The stated accuracy of the closed form, 3e-8, and a hundredth near isotropy.
     assert result.gci.value == pytest.approx(indices.mean(), abs=1e-9)
-    assert result.smallest.value == pytest.approx(indices.min(), abs=3e-8)
-    assert result.largest.value == pytest.approx(indices.max(), abs=3e-8)
+    # The extremes are sharpened: nothing of the sample is beyond them.
+    assert result.smallest.value <= indices.min() + 3e-8
+    assert result.largest.value >= indices.max() - 3e-8
     low, high = result.regions[0].lower, result.regions[-1].upper
     assert (low, high) == (0, 1)
     for region in result.regions:
@@ -292,9 +296,9 @@ def test_result_equals_trigonometry_and_singular_values(given, options):
         assert region.share.value == pytest.approx(inside.mean(), rel=1e-12)
         assert region.volume.value == pytest.approx(box * inside.sum() / count, rel=1e-12)
     wanted = np.quantile(indices, [0.05, 0.5, 0.95], method="inverted_cdf")
-    # Quantiles are interpolated within bins of 1/1000.
-    np.testing.assert_allclose([q.value for q in result.quantiles], wanted, atol=1.001e-3)
-    histogram, _ = np.histogram(indices, bins=1000, range=(0, 1))
+    # Quantiles are interpolated within bins of 1/128 of an octave.
+    np.testing.assert_allclose([q.value for q in result.quantiles], wanted, rtol=1 / 128)
+    histogram = naive.histogram(indices)
     assert np.abs(np.cumsum(np.array(result.histogram) - histogram)).max() <= 1
 
 
@@ -417,7 +421,7 @@ def test_all_numbers_have_units():
     ("given", "options"),
     [
         ({"m": 1.5, "n": 0.2, "l1": 0.5, "l2": 0.5}, {}),  # limbs out of each other's reach
-        ({"l1": 0.65, "l2": 1e-6}, {}),  # links too short to span the platform
+        ({"l1": 0.2, "l2": 1e-6}, {}),  # links too short to span the platform
         ({}, {"domain": {"x": (5.0, math.inf)}}),
         ({}, {"domain": {"z": (3.0, 4.0)}}),
         ({}, {"domain": {"x": (-0.02, 0.02), "z": (0.2, 0.25), "y": (-0.1, 0.1)}}),  # the cavity
@@ -443,7 +447,8 @@ def test_empty_workspace(given, options, how):
     told = json.loads(text(result))
     assert told["volume"]["value"] == 0
     assert told["reachable"] == 0
-    assert told["gci"] == {"value": None, "standard_error": None}
+    error = "error_bound" if "grid" in how else "standard_error"
+    assert told["gci"] == {"value": None, error: None}
     assert told["lci"]["min"] is told["lci"]["max"] is told["lci"]["quantiles"]["0.5"] is None
     assert [r["volume"] for r in told["regions"]] == [0, 0, 0]
     assert [r["share"] for r in told["regions"]] == [None] * 3

@@ -25,7 +25,7 @@ from pmopt.analysis.settings import DEFAULT_REPLICATES, WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper, chunk_ranges
 from pmopt.files import write_atomic
 from pmopt.mechanisms import find
-from pmopt.reporting.canvas import FAINT, LINE, new_figure, to_png
+from pmopt.reporting.canvas import FAINT, LINE, new_figure, to_picture
 from pmopt.synthesis.config import resolve_config
 from pmopt.synthesis.problem import DesignProblem
 
@@ -151,7 +151,7 @@ def draw_samples(path: Path, counts: Sequence[int], found: list[list[list[float]
         below.set_xlabel("number of samples")
         above.set_title(f"{MECHANISM}, one design, 1 thread; median and quartiles")
         figure.tight_layout()
-        write_atomic(path, to_png(figure))
+        write_atomic(path, to_picture(figure))
 
 
 def draw_designs(path: Path, counts: Sequence[int], found: list[list[float]], samples: int) -> None:
@@ -162,7 +162,7 @@ def draw_designs(path: Path, counts: Sequence[int], found: list[list[float]], sa
         axes.set_xlabel("number of designs evaluated at once")
         axes.set_title(f"{MECHANISM}, {samples} samples a design, 1 thread; median and quartiles")
         figure.tight_layout()
-        write_atomic(path, to_png(figure))
+        write_atomic(path, to_picture(figure))
 
 
 def main() -> None:

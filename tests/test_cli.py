@@ -491,9 +491,9 @@ def test_workspace_by_grid_and_to_a_target_error(tmp_path):
     fine = json_answer("workspace", MECH, *target, cwd=tmp_path)
     for quantity in (fine["volume"], fine["gci"]):
         assert 0 < quantity["standard_error"] <= 2e-3 * quantity["value"]
-    # The grid's own error bound and the sample's, four of each: no more than 1e-4 by chance.
+    # The grid's bound and four errors of the sample: hardly ever more by chance.
     for name in ("volume", "gci"):
-        allowed = 4 * (grid[name]["standard_error"] + fine[name]["standard_error"])
+        allowed = grid[name]["error_bound"] + 4 * fine[name]["standard_error"]
         assert abs(grid[name]["value"] - fine[name]["value"]) < allowed
 
 

@@ -81,8 +81,8 @@ def find_extremes(
         found = _search(sweeper, design, poses, lci)
         smallest, largest = min(smallest, found[0]), max(largest, found[1])
         # An aspect has no singularity inside, and a block's index may be anything at one.
-        whole = settings.min_lci == 0 and settings.aspect is None and settings.block is None
-        if whole and _crosses(sweeper, design, poses, lci):
+        whole = settings.aspect is None and settings.block is None
+        if whole and settings.min_lci == 0 and _crosses(sweeper, design, poses, lci):
             smallest = 0.0
     least = smallest <= settings.min_lci + (_EXACT if settings.min_lci > 0 else 0.0)
     most = largest >= _ceiling(sweeper) - _EXACT

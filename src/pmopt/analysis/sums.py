@@ -23,7 +23,7 @@ class Sums:
     Attributes
     ----------
     chunks : int
-        Chunks in the sums.
+        Whole chunks in the sums.
     whole : tuple of Tallies
         Where there is a grid, of the sample that it is compared with, once that is done.
     part : Tallies or None

@@ -26,6 +26,7 @@ from pmopt.analysis.settings import (
 from pmopt.analysis.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
 from pmopt.analysis.sums import Sums
 from pmopt.analysis.sweeper import (
+    BLOCK_CHUNKS,
     TOOL,
     Design,
     Notify,
@@ -34,7 +35,6 @@ from pmopt.analysis.sweeper import (
     block_length,
     block_ranges,
     check_grid,
-    chunk_ranges,
 )
 from pmopt.analysis.warmup import warm_up
 from pmopt.errors import PmoptError
@@ -363,7 +363,9 @@ def _accumulate(
     else:
         blocks = blocks_on(sweeper.cluster, sweeper, design, points, first, last, done)
     for (start, stop), block in zip(block_ranges(first, last, replicates), blocks, strict=True):
-        sums = sums.with_block(block, len(list(chunk_ranges(start, stop, replicates))))
+        # A chunk that rounds of a target error share is counted once it is whole.
+        length = block_length(replicates) // BLOCK_CHUNKS
+        sums = sums.with_block(block, stop // length - start // length)
         # Where a run ends within a block, one with more samples does not.
         if keep and stop % block_length(replicates) == 0:
             keep(sums)

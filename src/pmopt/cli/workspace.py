@@ -35,9 +35,15 @@ if TYPE_CHECKING:
     "--replicates",
     type=options.Count(),
     metavar="N",
-    help="Independent randomisations behind the error estimates. Default: about 16.",
+    help="Independent randomisations behind the error estimates. Default: about 16; 32 with "
+    "--target-error.",
 )
-@click.option("--grid", type=int, metavar="N", help="Midpoint grid of N cells an axis instead.")
+@click.option(
+    "--grid",
+    type=int,
+    metavar="N",
+    help="Midpoint grid of N cells an axis instead; errors are bounds, by as many samples.",
+)
 @click.option(
     "--target-error",
     type=options.Quantity("1"),

@@ -1,0 +1,245 @@
+"""The volume of the positions reached, by a sample of positions.
+
+Of each sampled position a search decides whether it is reached (:mod:`pmopt.analysis.fibres`). It
+begins at a pose that is known to be reachable and whose position is near: of the poses that a
+sample of the workspace has found, and of the positions found before, so that the search goes on
+from neighbour to neighbour where the poses are thin. What a search can miss is estimated: some of
+the positions not found are searched for again, from other poses and for longer.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmopt.analysis.estimates import Estimate
+from pmopt.analysis.fibres import Ground, seek
+from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.numerics.sequences import make_sequence
+from pmopt.seeds import seed_sequence
+
+Array = NDArray[np.float64]
+
+#: Samples of poses for each position, and the fewest and most positions near those reached.
+_POSES_A_POSITION = 32
+_FEWEST = 1 << 10
+_REPLICATES = 16
+#: Positions in the box of those reached, for each that is near one.
+_MOST_FOR_ONE = 8.0
+#: Distances between positions by which the box is wider than the poses' positions.
+_WIDER = 1.5
+#: Edge of the cells in which known positions are looked for, in the same distances.
+_CELL = 1.5
+_MOST_WIDENINGS = 4
+#: Of the positions not found, every so many is searched for again, from how many and how long.
+_AUDITED = 8
+_AUDIT_TRIES = 4
+_AUDIT_EFFORT = 2
+_MOST_ROUNDS = 16
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Positions that are reached.
+
+    Attributes
+    ----------
+    volume : Estimate
+    places : (3, K) float64
+        Sampled positions that are reached.
+    """
+
+    volume: Estimate
+    places: Array
+
+
+class _Map:
+    """Known poses by the cells of their positions, and which are nearest to a position.
+
+    In units of the box: a position is in [0, 1]^3.
+    """
+
+    def __init__(self, cells: int) -> None:
+        self.cells = cells
+        self._wide = cells + 2
+        ends = itertools.product((0, 1), repeat=3)
+        self._shifts = [(a * self._wide + b) * self._wide + c for a, b, c in ends]
+        self._layers: list[NDArray[np.int64]] = []
+        self._places = np.empty((3, 0))
+
+    def _cell(self, places: Array) -> NDArray[np.int64]:
+        index = np.clip(np.floor(places * self.cells).astype(np.int64) + 1, 0, self.cells)
+        return np.asarray((index[0] * self._wide + index[1]) * self._wide + index[2])
+
+    def fill(self, places: Array, orders: tuple[NDArray[np.int64], ...]) -> None:
+        """Enter positions (3, K); each order is a layer, of a cell's the last in it is kept."""
+        self._places = places
+        cell = self._cell(places)
+        self._layers = []
+        for order in orders:
+            layer = np.full(self._wide**3, -1, dtype=np.int64)
+            layer[cell[order]] = order
+            self._layers.append(layer)
+
+    def nearest(self, places: Array, count: int) -> NDArray[np.int64]:
+        """Return the nearest ``count`` known to each position (count, N); -1 where none is near.
+
+        Of the eight cells about a cell's corner that is nearest to a position.
+        """
+        size = places.shape[1]
+        found = np.full((count, size), -1, dtype=np.int64)
+        distance = np.full((count, size), np.inf)
+        corner = self._cell(places - 0.5 / self.cells)
+        for shift, layer in itertools.product(self._shifts, self._layers):
+            known = layer[corner + shift]
+            some = np.flatnonzero(known >= 0)
+            known = known[some]
+            far = ((self._places[:, known] - places[:, some]) ** 2).sum(axis=0)
+            for k in range(count):
+                kept, length = found[k, some], distance[k, some]
+                nearer = (far < length) & (known != kept)
+                found[k, some] = np.where(nearer, known, kept)
+                distance[k, some] = np.where(nearer, far, length)
+                # What gives way may be the next one; the same is not entered twice.
+                known = np.where(nearer, kept, known)
+                far = np.where(nearer, length, np.where(known == kept, np.inf, far))
+        return found
+
+
+def measure_positions(
+    sweeper: Sweeper,
+    design: Design,
+    poses: Array,
+    places: Array,
+    slack: NDArray[np.float64],
+    samples: int,
+) -> Reached:
+    """Measure the volume of the positions reached.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    design : Design
+    poses, places : (d, K), (3, K) float64
+        Reachable poses and their positions.
+    slack : (K,) float64
+        Of each pose.
+    samples : int
+        Of poses that the reachable ones are of: the number of positions follows.
+    """
+    first, last = places.min(axis=1), places.max(axis=1)
+    sides = last - first
+    if not sides.min() > 1e-9 * sides.max():
+        return Reached(Estimate(0.0, 0.0), places[:, :0])
+    spread = np.ptp(poses, axis=1)
+    ground = Ground(sweeper, design, np.where(spread > 0, spread, design.width), sides)
+    near = max(samples // _POSES_A_POSITION, _FEWEST)
+    filled = _filled((places - first[:, None]) / sides[:, None])
+    each = int(near * min(1 / filled, _MOST_FOR_ONE)) // _REPLICATES
+    widening = _WIDER * (each * _REPLICATES) ** (-1 / 3)
+    points = make_sequence("r-sequence", 3, _REPLICATES, seed_sequence(
+        sweeper.seed, f"{sweeper.purpose}, places"))  # fmt: skip
+    numbers = np.arange(each, dtype=np.uint64)
+    shares = np.concatenate(
+        [
+            (start[:, None] + points.step[:, None] * numbers).astype(np.float64)
+            for start in points.start
+        ],
+        axis=1,
+    ) * 2.0**-64
+    for _ in range(_MOST_WIDENINGS):
+        lower, width = first - widening * sides, (1 + 2 * widening) * (last - first)
+        found, missed, doubt = _search(ground, lower, width, shares, poses, places, slack)
+        # Where something is reached at the box's faces there may be more beyond.
+        some = shares[:, found]
+        edge = widening / (1 + 2 * widening) / 3
+        if not found.any() or (some.min() >= edge and some.max() <= 1 - edge):
+            break
+        some = lower[:, None] + width[:, None] * some
+        first, last = np.minimum(first, some.min(axis=1)), np.maximum(last, some.max(axis=1))
+    box = float(np.prod(width))
+    by_replicate = found.reshape(_REPLICATES, each).mean(axis=1)
+    error = float(by_replicate.std(ddof=1)) / math.sqrt(_REPLICATES)
+    if not found.any():
+        error = 3 / found.size
+    value = float(by_replicate.mean()) + missed
+    return Reached(
+        Estimate(box * value, box * math.hypot(error, missed, doubt)),
+        lower[:, None] + width[:, None] * shares[:, found],
+    )
+
+
+def _filled(shares: Array) -> float:
+    """Return about which share of their box positions fill."""
+    cells = int(np.clip((shares.shape[1] / 8) ** (1 / 3), 1, 32))
+    index = np.minimum((shares * cells).astype(np.int64), cells - 1)
+    full = np.zeros((cells,) * 3, dtype=bool)
+    full[tuple(index)] = True
+    return float(full.mean())
+
+
+def _search(
+    ground: Ground,
+    lower: Array,
+    width: Array,
+    shares: Array,
+    poses: Array,
+    places: Array,
+    slack: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], float, float]:
+    """Return which positions of a box are reached, the share that was missed and its error."""
+    size = shares.shape[1]
+    targets = lower[:, None] + width[:, None] * shares
+    known = _Map(max(1, int(size ** (1 / 3) / _CELL)))
+    # Of a cell's poses the one with most slack, and another.
+    known.fill(
+        (places - lower[:, None]) / width[:, None],
+        (np.argsort(slack, kind="stable"), np.arange(len(slack))),
+    )
+    reached = np.zeros(size, dtype=bool)
+    ends = np.zeros((poses.shape[0], size))
+
+    def attempt(which: NDArray[np.int64], starts: Array, effort: int = 1) -> NDArray[np.int64]:
+        done, found = seek(ground, targets[:, which], starts, effort)
+        new = which[done]
+        reached[new] = True
+        ends[:, new] = found[:, done]
+        return new
+
+    # From a pose of the sample, then from positions found to those that none was near to, and
+    # once more to the others.
+    begin = known.nearest(shares, 1)[0]
+    tried = begin >= 0
+    first = np.flatnonzero(tried)
+    fresh = attempt(first, poses[:, begin[first]])
+    again = tried & ~reached
+    for _ in range(_MOST_ROUNDS):
+        if len(fresh) == 0:
+            break
+        left = np.flatnonzero(~tried | (again & ~reached))
+        known.fill(shares[:, fresh], (np.arange(len(fresh)),))
+        begin = known.nearest(shares[:, left], 1)[0]
+        left, begin = left[begin >= 0], begin[begin >= 0]
+        tried[left] = True
+        again[left] = False
+        fresh = attempt(left, ends[:, fresh[begin]])
+    # Some of those not found again.
+    left = np.flatnonzero(tried & ~reached)
+    again = left[::_AUDITED]
+    have = np.flatnonzero(reached)
+    if len(again) == 0 or len(have) == 0:
+        return reached, 0.0, 0.0
+    known.fill(shares[:, have], (np.arange(len(have)), np.arange(len(have))[::-1]))
+    starts = known.nearest(shares[:, again], _AUDIT_TRIES)
+    kept = reached.copy()
+    for row in starts:
+        still = ~reached[again] & (row >= 0)
+        attempt(again[still], ends[:, have[row[still]]], _AUDIT_EFFORT)
+    share = float(reached[again].mean())
+    part = len(left) / size
+    likely = (share * len(again) + 0.5) / (len(again) + 1)
+    return kept, share * part, part * math.sqrt(likely * (1 - likely) / len(again))

@@ -19,8 +19,7 @@ from pmopt.threads import ordered_map
 
 Array = NDArray[np.float64]
 
-_FIRST_STEP = 0.25
-_STEPS = 14
+_STEPS = 24
 #: Positions of one batch: what a thread takes at once.
 _BATCH = 2048
 
@@ -61,7 +60,7 @@ def seek(
     -------
     reached : (N,) bool
     poses : (d, N) float64
-        Where the searches end.
+        Where the searches end, NaN for those that have come to no end.
     """
     parts = [slice(k, k + _BATCH) for k in range(0, targets.shape[1], _BATCH)]
     found = list(
@@ -88,9 +87,11 @@ def _seek(
     )
     goal = np.ascontiguousarray(targets / sides[:, None])
     poses = np.ascontiguousarray(poses / scale)
-    step = np.full(size, _FIRST_STEP)
+    state = np.zeros((ascent.STATE, size))
+    state[ascent.STEP] = ascent.FIRST_STEP
     heights = np.empty((ascent.PLANES, size))
     slopes = np.empty((ascent.PLANES, axes, size))
+    before = np.empty_like(poses)
     status = np.full(size, ascent.GOES_ON, dtype=np.int64)
     vectors = np.empty((4 + ascent.MOST_FREE, axes))
     planes = np.empty((ascent.PLANES, 1 + ascent.MOST_FREE))
@@ -104,9 +105,12 @@ def _seek(
         places /= sides[:, None]
         ascent.kernels().advance(
             turn, at, slack.reshape(axes + 1, -1), places.reshape(3, axes + 1, -1), goal,
-            lower, upper, poses, step, heights, slopes, status, vectors, planes,
+            lower, upper, poses, state, heights, slopes, before, status,
+            vectors, planes,
         )  # fmt: skip
         at = np.flatnonzero(status == ascent.GOES_ON)
         if len(at) == 0:
             break
-    return status == ascent.REACHED, poses * scale
+    ends = poses * scale
+    ends[:, status == ascent.GOES_ON] = np.nan
+    return status == ascent.REACHED, ends

@@ -40,6 +40,8 @@ _AUDITED = 8
 _AUDIT_TRIES = 4
 _AUDIT_EFFORT = 2
 _MOST_ROUNDS = 16
+#: Poses that differ by more than this share of their spread in a coordinate are apart.
+_APART = 0.2
 
 
 @dataclass(frozen=True)
@@ -60,53 +62,63 @@ class Reached:
 class _Map:
     """Known poses by the cells of their positions, and which are nearest to a position.
 
-    In units of the box: a position is in [0, 1]^3.
+    Positions are in units of the box: in [0, 1]^3. Of the poses in a cell one is kept for each way
+    in which a pose's coordinates lie below or above the middle ones: what is reached in one way
+    does not hide what is reached in another.
     """
 
-    def __init__(self, cells: int) -> None:
-        self.cells = cells
+    def __init__(self, cells: int, middle: Array, spread: Array) -> None:
+        self._cells = cells
         self._wide = cells + 2
+        self._middle, self._spread = middle[:, None], spread[:, None]
         ends = itertools.product((0, 1), repeat=3)
         self._shifts = [(a * self._wide + b) * self._wide + c for a, b, c in ends]
-        self._layers: list[NDArray[np.int64]] = []
-        self._places = np.empty((3, 0))
 
     def _cell(self, places: Array) -> NDArray[np.int64]:
-        index = np.clip(np.floor(places * self.cells).astype(np.int64) + 1, 0, self.cells)
+        index = np.clip(np.floor(places * self._cells).astype(np.int64) + 1, 0, self._cells)
         return np.asarray((index[0] * self._wide + index[1]) * self._wide + index[2])
 
-    def fill(self, places: Array, orders: tuple[NDArray[np.int64], ...]) -> None:
-        """Enter positions (3, K); each order is a layer, of a cell's the last in it is kept."""
-        self._places = places
+    def fill(self, places: Array, poses: Array) -> None:
+        """Enter positions (3, K) and poses (d, K); of those alike the last one is kept."""
+        self._places, self._poses = places, poses / self._spread
         cell = self._cell(places)
+        bits = 1 << np.arange(len(poses))
+        kind = (bits[:, None] * (poses > self._middle)).sum(axis=0)
         self._layers = []
-        for order in orders:
+        for each in np.unique(kind).tolist():
             layer = np.full(self._wide**3, -1, dtype=np.int64)
-            layer[cell[order]] = order
+            some = np.flatnonzero(kind == each)
+            layer[cell[some]] = some
             self._layers.append(layer)
 
-    def nearest(self, places: Array, count: int) -> NDArray[np.int64]:
+    def nearest(
+        self, places: Array, count: int = 1, apart: Array | None = None
+    ) -> NDArray[np.int64]:
         """Return the nearest ``count`` known to each position (count, N); -1 where none is near.
 
-        Of the eight cells about a cell's corner that is nearest to a position.
+        Of the eight cells about a cell's corner that is nearest to a position; with ``apart``
+        (d, N) of those whose pose differs from it.
         """
         size = places.shape[1]
         found = np.full((count, size), -1, dtype=np.int64)
         distance = np.full((count, size), np.inf)
-        corner = self._cell(places - 0.5 / self.cells)
+        corner = self._cell(places - 0.5 / self._cells)
+        if apart is not None:
+            apart = apart / self._spread
         for shift, layer in itertools.product(self._shifts, self._layers):
             known = layer[corner + shift]
             some = np.flatnonzero(known >= 0)
             known = known[some]
+            if apart is not None:
+                alike = np.abs(self._poses[:, known] - apart[:, some]).max(axis=0) <= _APART
+                some, known = some[~alike], known[~alike]
             far = ((self._places[:, known] - places[:, some]) ** 2).sum(axis=0)
             for k in range(count):
                 kept, length = found[k, some], distance[k, some]
-                nearer = (far < length) & (known != kept)
+                nearer = far < length
                 found[k, some] = np.where(nearer, known, kept)
                 distance[k, some] = np.where(nearer, far, length)
-                # What gives way may be the next one; the same is not entered twice.
-                known = np.where(nearer, kept, known)
-                far = np.where(nearer, length, np.where(known == kept, np.inf, far))
+                known, far = np.where(nearer, kept, known), np.where(nearer, length, far)
         return found
 
 
@@ -115,7 +127,6 @@ def measure_positions(
     design: Design,
     poses: Array,
     places: Array,
-    slack: NDArray[np.float64],
     samples: int,
 ) -> Reached:
     """Measure the volume of the positions reached.
@@ -126,8 +137,6 @@ def measure_positions(
     design : Design
     poses, places : (d, K), (3, K) float64
         Reachable poses and their positions.
-    slack : (K,) float64
-        Of each pose.
     samples : int
         Of poses that the reachable ones are of: the number of positions follows.
     """
@@ -153,7 +162,7 @@ def measure_positions(
     ) * 2.0**-64
     for _ in range(_MOST_WIDENINGS):
         lower, width = first - widening * sides, (1 + 2 * widening) * (last - first)
-        found, missed, doubt = _search(ground, lower, width, shares, poses, places, slack)
+        found, missed, doubt = _search(ground, lower, width, shares, poses, places)
         # Where something is reached at the box's faces there may be more beyond.
         some = shares[:, found]
         edge = widening / (1 + 2 * widening) / 3
@@ -183,63 +192,61 @@ def _filled(shares: Array) -> float:
 
 
 def _search(
-    ground: Ground,
-    lower: Array,
-    width: Array,
-    shares: Array,
-    poses: Array,
-    places: Array,
-    slack: NDArray[np.float64],
+    ground: Ground, lower: Array, width: Array, shares: Array, poses: Array, places: Array
 ) -> tuple[NDArray[np.bool_], float, float]:
     """Return which positions of a box are reached, the share that was missed and its error."""
     size = shares.shape[1]
     targets = lower[:, None] + width[:, None] * shares
-    known = _Map(max(1, int(size ** (1 / 3) / _CELL)))
-    # Of a cell's poses the one with most slack, and another.
-    known.fill(
-        (places - lower[:, None]) / width[:, None],
-        (np.argsort(slack, kind="stable"), np.arange(len(slack))),
-    )
+    cells = max(1, int(size ** (1 / 3) / _CELL))
+    known = _Map(cells, np.median(poses, axis=1), ground.spread)
+    known.fill((places - lower[:, None]) / width[:, None], poses)
     reached = np.zeros(size, dtype=bool)
     ends = np.zeros((poses.shape[0], size))
 
     def attempt(which: NDArray[np.int64], starts: Array, effort: int = 1) -> NDArray[np.int64]:
         done, found = seek(ground, targets[:, which], starts, effort)
-        new = which[done]
-        reached[new] = True
-        ends[:, new] = found[:, done]
-        return new
+        reached[which[done]] = True
+        ends[:, which] = found
+        return which[done]
 
-    # From a pose of the sample, then from positions found to those that none was near to, and
-    # once more to the others.
-    begin = known.nearest(shares, 1)[0]
+    # From the nearest pose of the sample, and once more from one that differs from where that led.
+    begin = known.nearest(shares)[0]
     tried = begin >= 0
     first = np.flatnonzero(tried)
     fresh = attempt(first, poses[:, begin[first]])
+    left = np.flatnonzero(tried & ~reached)
+    begin = known.nearest(shares[:, left], apart=ends[:, left])[0]
+    left, begin = left[begin >= 0], begin[begin >= 0]
+    fresh = np.concatenate([fresh, attempt(left, poses[:, begin])])
+    # From what is found on to positions that none was near to, and once more to others.
     again = tried & ~reached
     for _ in range(_MOST_ROUNDS):
         if len(fresh) == 0:
             break
-        left = np.flatnonzero(~tried | (again & ~reached))
-        known.fill(shares[:, fresh], (np.arange(len(fresh)),))
-        begin = known.nearest(shares[:, left], 1)[0]
-        left, begin = left[begin >= 0], begin[begin >= 0]
+        known.fill(shares[:, fresh], ends[:, fresh])
+        blank, left = np.flatnonzero(~tried), np.flatnonzero(again & ~reached)
+        begin = np.concatenate([
+            known.nearest(shares[:, blank])[0],
+            known.nearest(shares[:, left], apart=ends[:, left])[0],
+        ])  # fmt: skip
+        left = np.concatenate([blank, left])[begin >= 0]
         tried[left] = True
         again[left] = False
-        fresh = attempt(left, ends[:, fresh[begin]])
+        fresh = attempt(left, ends[:, fresh[begin[begin >= 0]]])
     # Some of those not found again.
     left = np.flatnonzero(tried & ~reached)
-    again = left[::_AUDITED]
+    audited = left[::_AUDITED]
     have = np.flatnonzero(reached)
-    if len(again) == 0 or len(have) == 0:
+    if len(audited) == 0 or len(have) == 0:
         return reached, 0.0, 0.0
-    known.fill(shares[:, have], (np.arange(len(have)), np.arange(len(have))[::-1]))
-    starts = known.nearest(shares[:, again], _AUDIT_TRIES)
-    kept = reached.copy()
+    known.fill(shares[:, have], ends[:, have])
+    starts = known.nearest(shares[:, audited], _AUDIT_TRIES)
+    starts = np.where(starts >= 0, have[starts], -1)
+    kept, found = reached.copy(), ends.copy()
     for row in starts:
-        still = ~reached[again] & (row >= 0)
-        attempt(again[still], ends[:, have[row[still]]], _AUDIT_EFFORT)
-    share = float(reached[again].mean())
+        still = ~reached[audited] & (row >= 0)
+        attempt(audited[still], found[:, row[still]], _AUDIT_EFFORT)
+    share = float(reached[audited].mean())
     part = len(left) / size
-    likely = (share * len(again) + 0.5) / (len(again) + 1)
-    return kept, share * part, part * math.sqrt(likely * (1 - likely) / len(again))
+    likely = (share * len(audited) + 0.5) / (len(audited) + 1)
+    return kept, share * part, part * math.sqrt(likely * (1 - likely) / len(audited))

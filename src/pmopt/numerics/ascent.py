@@ -23,23 +23,26 @@ CLOSE = 1e-6
 NEAR = 1e-2
 HALF = 0.5
 LEAST_STEP = 1e-4
+FIRST_STEP = 0.25
 LONGEST = 0.5
+BENT = 3e-3
 #: Of the height that the planes promise above 0, the share that is stepped for.
 AIM = 0.3
-#: Steps that keep their length before they are halved.
-FREE_TURNS = 3
+#: Of the rise that is aimed at, the share that may be lost.
+POOR = 0.75
+#: Rows of the state of searches.
+STEP, MISSED, PART, FROM, AIMED = range(5)
+STATE = 5
 #: Steps before a search is given up.
 HOPE_TURNS = 5
 #: What a search is at.
 GOES_ON, REACHED, ENDED = 0, 1, 2
-#: Numbers that :func:`advance` needs for itself.
-SCRATCH = (4 + MOST_FREE + 1) * MOST_AXES + PLANES * (MOST_FREE + 1)
 
 ENTRIES = (
     Entry("advance", (
         "int64", "int64[:]", "float64[:,:]", "float64[:,:,:]", "float64[:,:]", "float64[:]",
-        "float64[:]", "float64[:,:]", "float64[:]", "float64[:,:]", "float64[:,:,:]", "int64[:]",
-        "float64[:,:]", "float64[:,:]",
+        "float64[:]", "float64[:,:]", "float64[:,:]", "float64[:,:]", "float64[:,:,:]",
+        "float64[:,:]", "int64[:]", "float64[:,:]", "float64[:,:]",
     )),
 )  # fmt: skip
 
@@ -47,8 +50,9 @@ ENTRIES = (
 @functools.cache
 def kernels() -> Compiled:
     """Return the compiled functions of this module."""
-    names = ("MOST_FREE", "PLANES", "DIFFERENCE", "CLOSE", "NEAR", "HALF", "LEAST_STEP", "LONGEST", "AIM",
-             "FREE_TURNS", "HOPE_TURNS", "GOES_ON", "REACHED", "ENDED")  # fmt: skip
+    names = ("MOST_FREE", "PLANES", "DIFFERENCE", "CLOSE", "NEAR", "HALF", "LEAST_STEP", "LONGEST", "BENT", "AIM",
+             "POOR", "FIRST_STEP", "STEP", "MISSED", "PART", "FROM", "AIMED",
+             "HOPE_TURNS", "GOES_ON", "REACHED", "ENDED")  # fmt: skip
     numbers = "".join(f"{name} = {globals()[name]!r}\n" for name in names)
     functions = (least_plane, offer, highest, newton, across, advance)
     text = "".join(f'@njit(error_model="numpy")\n{inspect.getsource(f)}\n\n' for f in functions)
@@ -163,7 +167,7 @@ def across(axes, free, turn, vectors):  # type: ignore[no-untyped-def]
 
 
 def advance(
-    turn, at, slack, places, goal, lower, upper, poses, step, heights, slopes, status, vectors,
+    turn, at, slack, places, goal, lower, upper, poses, state, heights, slopes, before, status, vectors,
     planes,
 ):  # fmt: skip
     """Take the next step of some searches.
@@ -182,10 +186,13 @@ def advance(
         Bounds of the poses, that lower the slack.
     poses : (d, N) float64
         Moved, but for a search that has ended.
-    step : (N,) float64
-        Trusted distance along a fibre.
+    state : (STATE, N) float64
+        Of each search: the trusted distance along the fibre, FIRST_STEP at first; the last miss;
+        which part of a step is left; the slack expected before and after the last step.
     heights, slopes : (PLANES, N), (PLANES, d, N) float64
         Planes of the last poses.
+    before : (d, N) float64
+        Poses before the last steps.
     status : (N,) int64
         Written.
     vectors, planes : (5 + MOST_FREE, d), (PLANES, 1 + MOST_FREE) float64
@@ -210,6 +217,21 @@ def advance(
         if miss <= CLOSE and (here >= 0.0 or free <= 0):
             status[i] = REACHED if here >= 0.0 else ENDED
             continue
+        # A step that has led away, or not as near as it ought to, is halved. One along a fibre may
+        # lead off it a little.
+        least = state[MISSED, i]
+        least = least if free > 0 else least * (1.0 - 0.5 * state[PART, i])
+        if turn > 0 and miss > least and (free <= 0 or miss > NEAR):
+            state[PART, i] *= 0.5
+            for d in range(axes):
+                poses[d, i] = 0.5 * (poses[d, i] + before[d, i])
+            if free > 0:  # in place of a plane of this pose
+                heights[slot, i] = heights[(turn - 1) % PLANES, i]
+                for d in range(axes):
+                    slopes[slot, d, i] = slopes[(turn - 1) % PLANES, d, i]
+            continue
+        state[MISSED, i] = miss
+        state[PART, i] = 1.0
         newton(places, goal, axes, j, i, vectors)
         if free > 0:
             # The plane of this pose: its slopes and its height at the origin.
@@ -235,11 +257,17 @@ def advance(
                         for d in range(axes):
                             value += slopes[p, d, i] * vectors[4 + f, d]
                     planes[p, 1 + f] = value
-            s0, s1, top = highest(planes, count, free, step[i])
+            # Where the fibre bends, or planes are not above the slack, steps are to be short.
+            bound = state[AIMED, i] - POOR * (state[AIMED, i] - state[FROM, i])
+            if turn > 0 and (miss > BENT or here < bound):
+                state[STEP, i] *= 0.5
+            s0, s1, top = highest(planes, count, free, state[STEP, i])
             value = least_plane(planes, count, 0.0, 0.0)
             size = max(abs(s0), abs(s1))
-            # Where the planes promise less than half of what is missing, there is no way.
-            hopeless = miss <= NEAR and turn >= HOPE_TURNS and top < HALF * here
+            # Where the planes would not raise half of what is missing in the longest step, there is
+            # no way.
+            promise = value + (top - value) * FIRST_STEP / state[STEP, i]
+            hopeless = miss <= NEAR and turn >= HOPE_TURNS and promise < HALF * min(value, 0.0)
             if hopeless or (miss <= CLOSE and top < 0.0 and size < LEAST_STEP):
                 status[i] = ENDED
                 continue
@@ -249,10 +277,12 @@ def advance(
                 share = 0.0
             elif top > 0.0:
                 share = min((AIM * top - value) / (top - value), 1.0)
-            if turn >= FREE_TURNS and share * size < 0.99 * step[i]:
-                step[i] *= 0.5
+            s0 *= share
+            s1 *= share
+            state[FROM, i] = value
+            state[AIMED, i] = least_plane(planes, count, s0, s1)
             for d in range(axes):
-                vectors[3, d] += share * (s0 * vectors[4, d] + s1 * vectors[5, d])
+                vectors[3, d] += s0 * vectors[4, d] + s1 * vectors[5, d]
         length = 0.0
         for d in range(axes):
             length += vectors[3, d] * vectors[3, d]
@@ -262,5 +292,6 @@ def advance(
             continue
         scale = 1.0 if length <= LONGEST else LONGEST / length
         for d in range(axes):
+            before[d, i] = poses[d, i]
             poses[d, i] += scale * vectors[3, d]
         status[i] = GOES_ON

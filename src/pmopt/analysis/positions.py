@@ -34,7 +34,11 @@ _MOST_FOR_ONE = 8.0
 _WIDER = 1.5
 #: Edge of the cells in which known positions are looked for, in the same distances.
 _CELL = 1.5
-_MOST_WIDENINGS = 4
+_MOST_WIDENINGS = 6
+#: The share of what is reached that may lie at the box's faces.
+_NEGLIGIBLE = 1e-3
+#: The share of the positions, one in so many, that tell how wide it is.
+_OUTLINED = 16
 #: Of the positions not found, every so many is searched for again, from how many and how long.
 _AUDITED = 8
 _AUDIT_TRIES = 4
@@ -149,7 +153,6 @@ def measure_positions(
     near = max(samples // _POSES_A_POSITION, _FEWEST)
     filled = _filled((places - first[:, None]) / sides[:, None])
     each = int(near * min(1 / filled, _MOST_FOR_ONE)) // _REPLICATES
-    widening = _WIDER * (each * _REPLICATES) ** (-1 / 3)
     points = make_sequence("r-sequence", 3, _REPLICATES, seed_sequence(
         sweeper.seed, f"{sweeper.purpose}, places"))  # fmt: skip
     numbers = np.arange(each, dtype=np.uint64)
@@ -160,25 +163,37 @@ def measure_positions(
         ],
         axis=1,
     ) * 2.0**-64
-    for _ in range(_MOST_WIDENINGS):
-        lower, width = first - widening * sides, (1 + 2 * widening) * (last - first)
-        found, missed, doubt = _search(ground, lower, width, shares, poses, places)
-        # Where something is reached at the box's faces there may be more beyond.
-        some = shares[:, found]
-        edge = widening / (1 + 2 * widening) / 3
-        if not found.any() or (some.min() >= edge and some.max() <= 1 - edge):
+    # Few positions tell about how far the box must reach, then all of them are searched.
+    few = max(each // _OUTLINED, min(each, _FEWEST // _REPLICATES))
+    for turn in range(_MOST_WIDENINGS):
+        whole = turn == _MOST_WIDENINGS - 1 or few == each
+        count = each if whole else few
+        some = shares.reshape(3, _REPLICATES, each)[:, :, :count].reshape(3, -1)
+        edge = _WIDER * some.shape[1] ** (-1 / 3)
+        lower, width = first - edge * (last - first), (1 + 2 * edge) * (last - first)
+        found, missed, doubt = _search(ground, lower, width, some, poses, places)
+        met = lower[:, None] + width[:, None] * some[:, found]
+        joined = np.concatenate([places, met], axis=1)
+        least, most = joined.min(axis=1), joined.max(axis=1)
+        # Where something is reached at the box's faces there may be as much beyond.
+        some = some[:, found]
+        inner = edge / (1 + 2 * edge) / 3
+        beyond = float(((some < inner) | (some > 1 - inner)).any(axis=0).sum()) / found.size
+        first = np.minimum(first, met.min(axis=1, initial=math.inf))
+        last = np.maximum(last, met.max(axis=1, initial=-math.inf))
+        held = beyond <= _NEGLIGIBLE * found.mean()
+        if held and whole:
             break
-        some = lower[:, None] + width[:, None] * some
-        first, last = np.minimum(first, some.min(axis=1)), np.maximum(last, some.max(axis=1))
+        few = each if held else few
     box = float(np.prod(width))
-    by_replicate = found.reshape(_REPLICATES, each).mean(axis=1)
+    by_replicate = found.reshape(_REPLICATES, -1).mean(axis=1)
     error = float(by_replicate.std(ddof=1)) / math.sqrt(_REPLICATES)
     if not found.any():
         error = 3 / found.size
     value = float(by_replicate.mean()) + missed
     return Reached(
-        Estimate(box * value, box * math.hypot(error, missed, doubt)),
-        lower[:, None] + width[:, None] * shares[:, found],
+        Estimate(box * value, box * math.hypot(error, missed, doubt, beyond)),
+        met,
     )
 
 

@@ -12,6 +12,7 @@ import functools
 import inspect
 
 from pmopt.numerics.compiled import Compiled, Entry
+from pmopt.numerics.specialise import INLINE
 
 #: Most coordinates of a pose; of a fibre, those that a step moves along; planes that are kept.
 MOST_AXES = 8
@@ -54,8 +55,8 @@ def kernels() -> Compiled:
              "POOR", "FIRST_STEP", "STEP", "MISSED", "PART", "FROM", "AIMED",
              "HOPE_TURNS", "GOES_ON", "REACHED", "ENDED")  # fmt: skip
     numbers = "".join(f"{name} = {globals()[name]!r}\n" for name in names)
-    functions = (least_plane, offer, highest, newton, across, advance)
-    text = "".join(f'@njit(error_model="numpy")\n{inspect.getsource(f)}\n\n' for f in functions)
+    functions = (least_plane, offer, highest, newton, across, raise_slack, add_plane, advance)
+    text = "".join(f"{INLINE}\n{inspect.getsource(f)}\n\n" for f in functions)
     return Compiled(f"import math\n\nfrom numba import njit\n\n{numbers}\n\n{text}", ENTRIES)
 
 
@@ -111,17 +112,15 @@ def newton(places, goal, axes, j, i, vectors):  # type: ignore[no-untyped-def]
 
     Rows 0 .. 2 of ``vectors``, and row 3: the shortest step that makes up for the miss.
     """
-    for d in range(axes):
-        vectors[3, d] = 0.0
     for k in range(3):
         rest = goal[k, i] - places[k, 0, j]
         for d in range(axes):
             vectors[k, d] = (places[k, 1 + d, j] - places[k, 0, j]) / DIFFERENCE
-            rest -= vectors[k, d] * vectors[3, d]  # what the rows before make up for
         for m in range(k):
             share = 0.0
             for d in range(axes):
                 share += vectors[k, d] * vectors[m, d]
+                rest -= vectors[k, d] * vectors[3, d] if m == 0 else 0.0  # made up for before
             for d in range(axes):
                 vectors[k, d] -= share * vectors[m, d]
         length = 0.0
@@ -131,10 +130,10 @@ def newton(places, goal, axes, j, i, vectors):  # type: ignore[no-untyped-def]
         unit = 1.0 / max(math.sqrt(length), 1e-9)
         for d in range(axes):
             vectors[k, d] *= unit
-            vectors[3, d] += rest * unit * vectors[k, d]
+            vectors[3, d] = (0.0 if k == 0 else vectors[3, d]) + rest * unit * vectors[k, d]
 
 
-def across(axes, free, turn, vectors):  # type: ignore[no-untyped-def]
+def across(axes, free, vectors):  # type: ignore[no-untyped-def]
     """Write orthonormal vectors across rows 0 .. 2 into the rows from 4 on."""
     have = 3
     for f in range(free):
@@ -164,6 +163,64 @@ def across(axes, free, turn, vectors):  # type: ignore[no-untyped-def]
         for d in range(axes):
             vectors[4 + f, d] *= unit
         have += 1
+
+
+def raise_slack(  # type: ignore[no-untyped-def]
+    turn, axes, free, miss, here, i, state, poses, heights, slopes, vectors, planes
+):
+    """Add the step along the fibre to row 3 of ``vectors``; return whether there is no way."""
+    count = turn + 1 if turn + 1 < PLANES else PLANES
+    across(axes, free, vectors)
+    for p in range(count):
+        value = heights[p, i]
+        for d in range(axes):
+            value += slopes[p, d, i] * (poses[d, i] + vectors[3, d])
+        planes[p, 0] = value
+        for f in range(MOST_FREE):
+            value = 0.0
+            if f < free:
+                for d in range(axes):
+                    value += slopes[p, d, i] * vectors[4 + f, d]
+            planes[p, 1 + f] = value
+    # Where the fibre bends, or planes are not above the slack, steps are to be short.
+    bound = state[AIMED, i] - POOR * (state[AIMED, i] - state[FROM, i])
+    if turn > 0 and (miss > BENT or here < bound):
+        state[STEP, i] *= 0.5
+    s0, s1, top = highest(planes, count, free, state[STEP, i])
+    value = least_plane(planes, count, 0.0, 0.0)
+    # Where the planes would not raise half of what is missing in the longest step, there is no way.
+    promise = value + (top - value) * FIRST_STEP / state[STEP, i]
+    hopeless = miss <= NEAR and turn >= HOPE_TURNS and promise < HALF * min(value, 0.0)
+    still = miss <= CLOSE and top < 0.0 and max(abs(s0), abs(s1)) < LEAST_STEP
+    # No further along the fibre than is needed: its bends would lead off it.
+    share = 1.0
+    if value >= 0.0:
+        share = 0.0
+    elif top > 0.0:
+        share = min((AIM * top - value) / (top - value), 1.0)
+    s0 *= share
+    s1 *= share
+    state[FROM, i] = value
+    state[AIMED, i] = least_plane(planes, count, s0, s1)
+    for d in range(axes):
+        vectors[3, d] += s0 * vectors[4, d]
+        if free > 1:
+            vectors[3, d] += s1 * vectors[5, d]
+    return hopeless or still
+
+
+def add_plane(slot, axes, i, j, here, slack, lower, upper, poses, heights, slopes):  # type: ignore[no-untyped-def]
+    """Keep the plane of a pose: its slopes and its height at the origin."""
+    height = here
+    for d in range(axes):
+        moved = slack[1 + d, j]
+        for e in range(axes):
+            p = poses[e, i] + (DIFFERENCE if e == d else 0.0)
+            moved = min(moved, p - lower[e], upper[e] - p)
+        slope = (moved - here) / DIFFERENCE
+        slopes[slot, d, i] = slope
+        height -= slope * poses[d, i]
+    heights[slot, i] = height
 
 
 def advance(
@@ -200,7 +257,6 @@ def advance(
     """
     axes = poses.shape[0]
     free = axes - 3 if axes - 3 < MOST_FREE else MOST_FREE
-    count = turn + 1 if turn + 1 < PLANES else PLANES
     slot = turn % PLANES
     for j in range(at.shape[0]):
         i = at[j]
@@ -211,87 +267,44 @@ def advance(
         miss = 0.0
         for k in range(3):
             miss = max(miss, abs(goal[k, i] - places[k, 0, j]))
-        if not miss < math.inf or not here > -math.inf:
-            status[i] = ENDED
-            continue
-        if miss <= CLOSE and (here >= 0.0 or free <= 0):
-            status[i] = REACHED if here >= 0.0 else ENDED
-            continue
         # A step that has led away, or not as near as it ought to, is halved. One along a fibre may
         # lead off it a little.
         least = state[MISSED, i]
         least = least if free > 0 else least * (1.0 - 0.5 * state[PART, i])
-        if turn > 0 and miss > least and (free <= 0 or miss > NEAR):
+        found = GOES_ON
+        if not (miss < math.inf and here > -math.inf):
+            found = ENDED
+        elif miss <= CLOSE and here >= 0.0:
+            found = REACHED
+        elif miss <= CLOSE and free <= 0:
+            found = ENDED
+        elif turn > 0 and miss > least and (free <= 0 or miss > NEAR):
             state[PART, i] *= 0.5
             for d in range(axes):
                 poses[d, i] = 0.5 * (poses[d, i] + before[d, i])
-            if free > 0:  # in place of a plane of this pose
-                heights[slot, i] = heights[(turn - 1) % PLANES, i]
-                for d in range(axes):
-                    slopes[slot, d, i] = slopes[(turn - 1) % PLANES, d, i]
-            continue
-        state[MISSED, i] = miss
-        state[PART, i] = 1.0
-        newton(places, goal, axes, j, i, vectors)
-        if free > 0:
-            # The plane of this pose: its slopes and its height at the origin.
-            height = here
+            # The plane before stands in for this one.
+            heights[slot, i] = heights[(turn - 1) % PLANES, i]
             for d in range(axes):
-                moved = slack[1 + d, j]
-                for e in range(axes):
-                    p = poses[e, i] + (DIFFERENCE if e == d else 0.0)
-                    moved = min(moved, p - lower[e], upper[e] - p)
-                slope = (moved - here) / DIFFERENCE
-                slopes[slot, d, i] = slope
-                height -= slope * poses[d, i]
-            heights[slot, i] = height
-            across(axes, free, turn, vectors)
-            for p in range(count):
-                value = heights[p, i]
-                for d in range(axes):
-                    value += slopes[p, d, i] * (poses[d, i] + vectors[3, d])
-                planes[p, 0] = value
-                for f in range(MOST_FREE):
-                    value = 0.0
-                    if f < free:
-                        for d in range(axes):
-                            value += slopes[p, d, i] * vectors[4 + f, d]
-                    planes[p, 1 + f] = value
-            # Where the fibre bends, or planes are not above the slack, steps are to be short.
-            bound = state[AIMED, i] - POOR * (state[AIMED, i] - state[FROM, i])
-            if turn > 0 and (miss > BENT or here < bound):
-                state[STEP, i] *= 0.5
-            s0, s1, top = highest(planes, count, free, state[STEP, i])
-            value = least_plane(planes, count, 0.0, 0.0)
-            size = max(abs(s0), abs(s1))
-            # Where the planes would not raise half of what is missing in the longest step, there is
-            # no way.
-            promise = value + (top - value) * FIRST_STEP / state[STEP, i]
-            hopeless = miss <= NEAR and turn >= HOPE_TURNS and promise < HALF * min(value, 0.0)
-            if hopeless or (miss <= CLOSE and top < 0.0 and size < LEAST_STEP):
-                status[i] = ENDED
-                continue
-            # No further along the fibre than is needed: its bends would lead off it.
-            share = 1.0
-            if value >= 0.0:
-                share = 0.0
-            elif top > 0.0:
-                share = min((AIM * top - value) / (top - value), 1.0)
-            s0 *= share
-            s1 *= share
-            state[FROM, i] = value
-            state[AIMED, i] = least_plane(planes, count, s0, s1)
+                slopes[slot, d, i] = slopes[(turn - 1) % PLANES, d, i]
+        else:
+            state[MISSED, i] = miss
+            state[PART, i] = 1.0
+            newton(places, goal, axes, j, i, vectors)
+            over = False
+            if free > 0:
+                add_plane(slot, axes, i, j, here, slack, lower, upper, poses, heights, slopes)
+                over = raise_slack(
+                    turn, axes, free, miss, here, i, state, poses, heights, slopes, vectors, planes
+                )
+            length = 0.0
             for d in range(axes):
-                vectors[3, d] += s0 * vectors[4, d] + s1 * vectors[5, d]
-        length = 0.0
-        for d in range(axes):
-            length += vectors[3, d] * vectors[3, d]
-        length = math.sqrt(length)
-        if not length < math.inf:
-            status[i] = ENDED
-            continue
-        scale = 1.0 if length <= LONGEST else LONGEST / length
-        for d in range(axes):
-            before[d, i] = poses[d, i]
-            poses[d, i] += scale * vectors[3, d]
-        status[i] = GOES_ON
+                length += vectors[3, d] * vectors[3, d]
+            length = math.sqrt(length)
+            if over or not length < math.inf:
+                found = ENDED
+            else:
+                scale = 1.0 if length <= LONGEST else LONGEST / length
+                for d in range(axes):
+                    before[d, i] = poses[d, i]
+                    poses[d, i] += scale * vectors[3, d]
+        status[i] = found

@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.fibres import Ground, seek
 from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.numerics import ascent
 from pmopt.numerics.sequences import make_sequence
 from pmopt.seeds import seed_sequence
 
 Array = NDArray[np.float64]
 
+#: Positions whose box is thinner, over its longest side, have no volume.
+_FLAT = 1e-9
 #: Samples of poses for each position, and the fewest and most positions near those reached.
 _POSES_A_POSITION = 32
 _FEWEST = 1 << 10
@@ -57,10 +60,13 @@ class Reached:
     volume : Estimate
     places : (3, K) float64
         Sampled positions that are reached.
+    lower : bool
+        Whether the volume is a lower bound, as not all poses of a position are searched.
     """
 
     volume: Estimate
     places: Array
+    lower: bool
 
 
 class _Map:
@@ -146,11 +152,11 @@ def measure_positions(
     """
     first, last = places.min(axis=1), places.max(axis=1)
     sides = last - first
-    if not sides.min() > 1e-9 * sides.max():
-        return Reached(Estimate(0.0, 0.0), places[:, :0])
+    if len(poses) < 3 or not sides.min() > _FLAT * sides.max():
+        return Reached(Estimate(0.0, 0.0), places[:, :0], False)
     spread = np.ptp(poses, axis=1)
     ground = Ground(sweeper, design, np.where(spread > 0, spread, design.width), sides)
-    near = max(samples // _POSES_A_POSITION, _FEWEST)
+    near = max(samples // (_POSES_A_POSITION * sweeper.slowness), _FEWEST)
     filled = _filled((places - first[:, None]) / sides[:, None])
     each = int(near * min(1 / filled, _MOST_FOR_ONE)) // _REPLICATES
     points = make_sequence("r-sequence", 3, _REPLICATES, seed_sequence(
@@ -194,6 +200,7 @@ def measure_positions(
     return Reached(
         Estimate(box * value, box * math.hypot(error, missed, doubt, beyond)),
         met,
+        len(poses) > 3 + ascent.MOST_FREE,
     )
 
 

@@ -152,6 +152,9 @@ class Sweeper:
         For names in the settings that the mechanism does not have.
     """
 
+    #: How many times more a pose costs than in the compiled sweep, roughly.
+    slowness = 1
+
     def __init__(
         self,
         mechanism: Mechanism,

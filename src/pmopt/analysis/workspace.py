@@ -102,11 +102,14 @@ class WorkspaceResult:
         if self.projection is None:
             return None
         found: Estimate = getattr(self.projection, name)
-        return {
+        entry = {
             "value": number(found.value),
             "unit": self.units[unit],
             "standard_error": number(found.error),
         }
+        if name == "volume" and self.projection.lower:
+            entry["bound"] = "lower"
+        return entry
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -237,6 +237,9 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
         for name, e, u in entries
     )
     display = tuple((name, *with_error(e.value, e.error), u) for name, e, u in entries)
+    if result.projection and result.projection.lower:
+        display = tuple((n, f">= {v}", *rest) if n == "projected volume" else (n, v, *rest)
+                        for n, v, *rest in display)  # fmt: skip
     design = ", ".join(
         f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
         for k, v in result.params.items()

@@ -162,13 +162,16 @@ def measure_positions(
     points = make_sequence("r-sequence", 3, _REPLICATES, seed_sequence(
         sweeper.seed, f"{sweeper.purpose}, places"))  # fmt: skip
     numbers = np.arange(each, dtype=np.uint64)
-    shares = np.concatenate(
-        [
-            (start[:, None] + points.step[:, None] * numbers).astype(np.float64)
-            for start in points.start
-        ],
-        axis=1,
-    ) * 2.0**-64
+    shares = (
+        np.concatenate(
+            [
+                (start[:, None] + points.step[:, None] * numbers).astype(np.float64)
+                for start in points.start
+            ],
+            axis=1,
+        )
+        * 2.0**-64
+    )
     # Few positions tell about how far the box must reach, then all of them are searched.
     few = max(each // _OUTLINED, min(each, _FEWEST // _REPLICATES))
     for turn in range(_MOST_WIDENINGS):
@@ -179,8 +182,6 @@ def measure_positions(
         lower, width = first - edge * (last - first), (1 + 2 * edge) * (last - first)
         found, missed, doubt = _search(ground, lower, width, some, poses, places)
         met = lower[:, None] + width[:, None] * some[:, found]
-        joined = np.concatenate([places, met], axis=1)
-        least, most = joined.min(axis=1), joined.max(axis=1)
         # Where something is reached at the box's faces there may be as much beyond.
         some = some[:, found]
         inner = edge / (1 + 2 * edge) / 3

@@ -1,8 +1,8 @@
 """What a workspace is in space: the positions the platform reaches, and the floor it needs.
 
 A workspace of poses has a volume in mixed units; papers plot the positions reached in it. Their
-volume is measured on a sample of positions (:mod:`pmopt.analysis.positions`), their pieces and voids
-are counted on voxels.
+volume is measured on a sample of positions (:mod:`pmopt.analysis.positions`), their pieces and
+voids are counted on voxels.
 """
 
 from __future__ import annotations

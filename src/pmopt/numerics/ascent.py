@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 
 from pmopt.numerics.compiled import Compiled, Entry
 from pmopt.numerics.specialise import INLINE
@@ -51,11 +52,15 @@ ENTRIES = (
 @functools.cache
 def kernels() -> Compiled:
     """Return the compiled functions of this module."""
-    names = ("MOST_FREE", "PLANES", "DIFFERENCE", "CLOSE", "NEAR", "HALF", "LEAST_STEP", "LONGEST", "BENT", "AIM",
-             "POOR", "FIRST_STEP", "STEP", "MISSED", "PART", "FROM", "AIMED",
-             "HOPE_TURNS", "GOES_ON", "REACHED", "ENDED")  # fmt: skip
+    names = (
+        "MOST_FREE", "PLANES", "DIFFERENCE", "CLOSE", "NEAR", "HALF", "LEAST_STEP", "LONGEST",
+        "BENT", "AIM", "POOR", "FIRST_STEP", "STEP", "MISSED", "PART", "FROM", "AIMED",
+        "HOPE_TURNS", "GOES_ON", "REACHED", "ENDED",
+    )  # fmt: skip
     numbers = "".join(f"{name} = {globals()[name]!r}\n" for name in names)
-    functions = (least_plane, offer, highest, newton, across, raise_slack, add_plane, advance)
+    functions = (
+        least_plane, offer, highest, newton, across, raise_slack, add_plane, advance,
+    )  # fmt: skip
     text = "".join(f"{INLINE}\n{inspect.getsource(f)}\n\n" for f in functions)
     return Compiled(f"import math\n\nfrom numba import njit\n\n{numbers}\n\n{text}", ENTRIES)
 
@@ -209,7 +214,9 @@ def raise_slack(  # type: ignore[no-untyped-def]
     return hopeless or still
 
 
-def add_plane(slot, axes, i, j, here, slack, lower, upper, poses, heights, slopes):  # type: ignore[no-untyped-def]
+def add_plane(  # type: ignore[no-untyped-def]
+    slot, axes, i, j, here, slack, lower, upper, poses, heights, slopes
+):
     """Keep the plane of a pose: its slopes and its height at the origin."""
     height = here
     for d in range(axes):
@@ -223,9 +230,9 @@ def add_plane(slot, axes, i, j, here, slack, lower, upper, poses, heights, slope
     heights[slot, i] = height
 
 
-def advance(
-    turn, at, slack, places, goal, lower, upper, poses, state, heights, slopes, before, status, vectors,
-    planes,
+def advance(  # type: ignore[no-untyped-def]
+    turn, at, slack, places, goal, lower, upper, poses, state, heights, slopes, before, status,
+    vectors, planes,
 ):  # fmt: skip
     """Take the next step of some searches.
 

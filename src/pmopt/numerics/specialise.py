@@ -271,8 +271,8 @@ def module_text(recipe: Recipe) -> str:
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
     define("skeleton_of", point, f"    return {skeleton}\n")
     place = ", ".join(f"found[{k}]" for k in range(PLACE))
-    define("placed_of", point,
-           f"{evaluated}{margin}    found = {skeleton}\n    return (margin, {place})\n")  # fmt: skip
+    placed = f"    found = {skeleton}\n    return (margin, {place})\n"
+    define("placed_of", point, evaluated + margin + placed)
     facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
     define("facts_of", point, evaluated + margin + facts)
     blocks["unpack"] = f"{INLINE}\ndef unpack(constants):\n    return ({constants},)\n"

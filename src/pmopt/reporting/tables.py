@@ -236,10 +236,11 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
         (name, e.value if e.value == e.value else None, e.error if e.error == e.error else None, u)
         for name, e, u in entries
     )
-    display = tuple((name, *with_error(e.value, e.error), u) for name, e, u in entries)
-    if result.projection and result.projection.lower:
-        display = tuple((n, f">= {v}", *rest) if n == "projected volume" else (n, v, *rest)
-                        for n, v, *rest in display)  # fmt: skip
+    bounds = [name for name in ("projected volume",)
+              if result.projection and result.projection.lower]  # fmt: skip
+    display = tuple((name, ">= " * (name in bounds) + value, error, u)
+                    for name, e, u in entries
+                    for value, error in [with_error(e.value, e.error)])  # fmt: skip
     design = ", ".join(
         f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
         for k, v in result.params.items()

@@ -134,6 +134,8 @@ class FieldSweeper(Sweeper):
     Margins and indices are those of :meth:`field`; a point costs some hundred times more.
     """
 
+    slowness = 16
+
     def __init__(
         self,
         mechanism: Mechanism,
@@ -180,6 +182,22 @@ class FieldSweeper(Sweeper):
         if label == 0:
             member[:] = False
         return np.where(member, margin, -np.abs(margin) - 1e-12), lci
+
+    def locate(
+        self, design: Design, poses: NDArray[np.float64]
+    ) -> tuple[Vector, NDArray[np.float64]]:
+        """Return slack and place; see :meth:`Sweeper.locate`.
+
+        At the home aspect's boundary the determinant is 0, and with it the slack.
+        """
+        slack, places = super().locate(design, poses)
+        if design.box_volume == 0 or self.settings.aspect is None:
+            return slack, places
+        found, label = self._home(design)
+        dets = determinants(self, design, poses)
+        member = (found.of(poses, dets) == label) & (label > 0)
+        depth = np.abs(dets)
+        return np.minimum(slack, np.where(member, depth, -depth - 1e-12)), places
 
     def _block_index(self, design: Design, poses: NDArray[np.float64], margin: Vector) -> Vector:
         """Return the index of the Jacobian's rows for lengths or for angles, 0 out of reach."""

@@ -160,6 +160,9 @@ class Sweeper:
         For names in the settings that the mechanism does not have.
     """
 
+    #: How many times more a pose costs than in the compiled sweep, roughly.
+    slowness = 1
+
     def __init__(
         self,
         mechanism: Mechanism,
@@ -496,6 +499,24 @@ class Sweeper:
         tool = position + rotation @ np.array(self.settings.tool or (0.0, 0.0, 0.0))
         entries = facts[1:place].T.reshape(size, n, n)
         return Facts(facts[0], entries, position, tool, rotation, ends)
+
+    def locate(
+        self, design: Design, poses: NDArray[np.float64]
+    ) -> tuple[Vector, NDArray[np.float64]]:
+        """Return slack and place of the platform's centre, or the tool point, at poses (d, N).
+
+        The slack (N,) is >= 0 where a pose is reachable, and continuous; the places are (3, N).
+        """
+        size = poses.shape[1]
+        margin, places = np.empty(size), np.empty((3, size))
+        constants = np.array(design.constants)
+        tool = np.array(self.settings.tool or (0.0, 0.0, 0.0))
+        self._kernels.locate(
+            np.ascontiguousarray(poses), constants, tool, margin, places, self._scratch()
+        )
+        if self.settings.min_lci > 0:
+            margin = np.minimum(margin, self.field(design, poses)[1] - self.settings.min_lci)
+        return margin, places
 
     def points(
         self, design: Design, points: sequences.Sequence, first: int, last: int

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from pmopt.analysis.sweeper import Sweeper
-from pmopt.numerics import cells
+from pmopt.numerics import ascent, cells
 from pmopt.numerics.compiled import compile_ahead
 
 if TYPE_CHECKING:  # a workspace does without
@@ -39,8 +39,8 @@ def warm_up(
     dict
         By mechanism, the number of kernels that had to be compiled.
     """
-    shared = cells.kernels()
-    wanted = [(shared, entry.name) for entry in shared.entries] if shapes else []
+    shared = (cells.kernels(), ascent.kernels()) if shapes else ()
+    wanted = [(compiled, entry.name) for compiled in shared for entry in compiled.entries]
     missing: dict[str, int] = {}
     for user in users:
         called = user.kernels

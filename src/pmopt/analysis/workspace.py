@@ -131,11 +131,14 @@ class WorkspaceResult:
         found: Estimate = getattr(self.projection, name)
         # Where poses are positions the volume is the workspace's own, and so is its error.
         error = self.error_name if found is self.volume else "standard_error"
-        return {
+        entry: dict[str, Any] = {
             "value": number(found.value),
             "unit": self.units[unit],
             error: number(found.error),
         }
+        if name == "volume" and self.projection.lower:
+            entry["bound"] = "lower"
+        return entry
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

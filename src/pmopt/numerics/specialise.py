@@ -44,7 +44,7 @@ _LANES = 8
 PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (
     "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
-    "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
+    "placed_of", "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
     "PLACE", "ENDS", "posture_to",
 )  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
@@ -57,7 +57,7 @@ _DOUBTFUL = (
     "    if doubtful > 0:\n"
     "        for i in range(count):\n"
 )
-ENTRIES = ("sweep", "field", "points", "probe", "outline")
+ENTRIES = ("sweep", "field", "points", "probe", "outline", "locate")
 
 
 class Recipe(NamedTuple):
@@ -133,6 +133,9 @@ class Recipe(NamedTuple):
             Entry("outline", (
                 *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]",
                 "int64", "int64", "float64", "float64", _TABLE, _TABLE, scratch,
+            )),
+            Entry("locate", (
+                _TABLE, "float64[:]", "float64[:]", "float64[:]", _TABLE, scratch,
             )),
         )  # fmt: skip
 
@@ -267,6 +270,9 @@ def module_text(recipe: Recipe) -> str:
            _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
     define("skeleton_of", point, f"    return {skeleton}\n")
+    place = ", ".join(f"found[{k}]" for k in range(PLACE))
+    placed = f"    found = {skeleton}\n    return (margin, {place})\n"
+    define("placed_of", point, evaluated + margin + placed)
     facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
     define("facts_of", point, evaluated + margin + facts)
     blocks["unpack"] = f"{INLINE}\ndef unpack(constants):\n    return ({constants},)\n"

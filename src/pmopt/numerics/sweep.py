@@ -99,6 +99,11 @@ def skeleton_of(pose, i, constants):
     raise NotImplementedError
 
 
+def placed_of(pose, i, constants):
+    """Stub: margin, position and rotation of the platform at pose ``i`` of a block, as a tuple."""
+    raise NotImplementedError
+
+
 #: Stub: where the ends of segments begin in it, and how many there are.
 PLACE = 0
 ENDS = 0
@@ -398,6 +403,38 @@ def field(poses, constants, margin, lci, scratch):
         for i in range(count):
             margin[first + i] = margins[i]
             lci[first + i] = indices[i]
+
+
+def locate(poses, constants, tool, margin, places, scratch):
+    """Evaluate margins and places of given poses (d, N): ``margin`` (N,) and ``places`` (3, N).
+
+    ``tool`` is the point of the platform that is told, in its frame.
+    """
+    k = unpack(constants)
+    pose = scratch[:AXES]
+    slack = scratch[AXES]
+    x = scratch[AXES + 1]
+    y = scratch[AXES + 2]
+    z = scratch[AXES + 3]
+    t1 = tool[0]
+    t2 = tool[1]
+    t3 = tool[2]
+    for first in range(0, poses.shape[1], BLOCK):
+        count = min(BLOCK, poses.shape[1] - first)
+        for d in range(AXES):
+            for i in range(count):
+                pose[d, i] = poses[d, first + i]
+        for i in range(count):
+            found = placed_of(pose, i, k)
+            slack[i] = found[0]
+            x[i] = found[1] + (found[4] * t1 + found[5] * t2 + found[6] * t3)
+            y[i] = found[2] + (found[7] * t1 + found[8] * t2 + found[9] * t3)
+            z[i] = found[3] + (found[10] * t1 + found[11] * t2 + found[12] * t3)
+        for i in range(count):
+            margin[first + i] = slack[i]
+            places[0, first + i] = x[i]
+            places[1, first + i] = y[i]
+            places[2, first + i] = z[i]
 
 
 def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):

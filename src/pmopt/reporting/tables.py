@@ -274,7 +274,10 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     for name, e, u in entries:
         value, error = (None if math.isnan(v) else v for v in e)
         own = result.projection is None or e is result.volume or name not in _IN_SPACE
-        add(name, value, with_error(*e), error, u, own)
+        texts = with_error(*e)
+        if name == "projected volume" and result.projection and result.projection.lower:
+            texts = (f">= {texts[0]}", texts[1])
+        add(name, value, texts, error, u, own)
         for after, extreme, sign in (
             ("gci", result.smallest, "<="), ("lci quantile 0.95", result.largest, ">="),
         ):  # fmt: skip

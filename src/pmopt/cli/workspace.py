@@ -110,7 +110,8 @@ if TYPE_CHECKING:
     "--certify",
     type=float,
     metavar="GAP",
-    help="Guaranteed bounds of the volume instead of samples, GAP of it apart.",
+    help="Guaranteed bounds of the volume, GAP of it apart, and of the least and largest LCI "
+    "instead of samples.",
 )
 @click.option(
     "--time-budget",
@@ -176,8 +177,7 @@ def workspace_command(
     )
     if certify is not None:
         unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
-                  "target-error": target_error, "regions": regions, "jacobian": kind,
-                  "characteristic-length": characteristic_length, "shape-grid": shape_grid,
+                  "target-error": target_error, "regions": regions, "shape-grid": shape_grid,
                   "dry-run": dry_run or None, "resume": resume or None,
                   "scheduler": scheduler}  # fmt: skip
         for name, value in unused.items():

@@ -112,10 +112,11 @@ class _Extremes:
     def wanted(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which boxes leave an extreme open by more than the gap asked for."""
         least, most = self._inner
-        # A least index of about 0 is not told more closely: no index is below 0.
-        below = low < least - max(_GAP * least, _GAP * max(most, 0.0)) if least < np.inf else True
-        above = high > most + _GAP * abs(most) if most > -np.inf else True
-        return np.asarray(below | above) if len(low) else np.zeros(0, dtype=bool)
+        if least > most:  # no pose is proven reachable yet
+            return np.ones(len(low), dtype=bool)
+        # A least index of about 0 is not sought more closely: no index is below 0.
+        below = low < least - _GAP * max(least, most)
+        return np.asarray(below | (high > most + _GAP * most))
 
     def close(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
         """Take the bounds of boxes that are not looked at any more."""

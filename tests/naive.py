@@ -143,10 +143,10 @@ def surface_distance(params, a, y, b):
 
 
 def bin_edges():
-    """Return 0, then 32 parts of each octave from 2^-64, from 2^-20 on 128, up to 1."""
+    """Return 0, then 32 parts of each octave from 2^-64, from 2^-16 on 128, up to 1."""
     edges = [0.0]
     for octave in range(-64, 0):
-        parts = 32 if octave < -20 else 128
+        parts = 32 if octave < -16 else 128
         edges += [math.ldexp(1 + k / parts, octave) for k in range(parts)]
     return np.array([*edges, 1.0])
 

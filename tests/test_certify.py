@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmopt import api
-from pmopt.analysis import certify, curves
+from pmopt.analysis import certify, curves, workspace
 from pmopt.analysis.enclosures import enclose
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
@@ -596,3 +596,38 @@ def test_cli_refuses(args, told, tmp_path):
 def test_unproven_settings_are_refused():
     with pytest.raises(InputError, match="tool"):
         api.certify_volume("2pauu-ppap", tool=(0.0, 0.0, 0.1))
+
+
+# --- extremes of the index ----------------------------------------------------------------------
+
+INSIDE = {
+    "2pauu-ppap": {"x": (-0.2, 0.2), "y": (-0.2, 0.2), "z": (1.2, 1.5)},
+    "3-ups-sp": None,
+    "3-cur": None,
+    "2uu-upu": None,
+}
+
+
+@pytest.mark.parametrize("norm", ["2", "fro"])
+@pytest.mark.parametrize("name", INSIDE)
+def test_bounds_of_the_index_hold_what_is_sampled(name, norm):
+    """The sampled extremes lie between the outer bounds, and do not contradict the inner ones."""
+    domain = INSIDE[name]
+    given = {"norm": norm} | ({"domain": domain} if domain else {})
+    proven = certify.certify_volume(
+        find(name), {}, WorkspaceSettings(**given), gap=0.3, time_budget=20.0
+    )
+    sampled = workspace.compute_workspace(
+        find(name), {}, WorkspaceSettings(**given, samples=1 << 16), threads=1, shape_grid=0
+    )
+    bounds, slack = proven.index, 1e-9
+    assert 0 <= bounds.min_lower <= sampled.smallest.value + slack
+    assert sampled.largest.value - slack <= bounds.max_upper <= 1
+    assert bounds.min_lower <= bounds.min_upper <= bounds.max_lower + slack <= 1
+    assert bounds.max_lower <= bounds.max_upper
+    # What a pose attains from inside, a search around the best samples nearly finds too.
+    assert sampled.smallest.value <= bounds.min_upper * (1 + 1e-3)
+    assert sampled.largest.value >= bounds.max_lower * (1 - 1e-3)
+    if domain:
+        assert bounds.min_upper - bounds.min_lower < 0.2 * bounds.min_upper
+        assert bounds.max_upper - bounds.max_lower < 0.1

@@ -124,7 +124,6 @@ def test_a_workspace_without_shape_reads_less():
 
 
 @pytest.mark.parametrize("words", [
-    ("workspace", "2pauu-ppap", "--certify", "0.1", "--norm", "fro"),
     ("workspace", "2pauu-ppap", "--certify", "0.1", "--seed", "2"),
     ("singularities", "2pauu-ppap", "--path", "p.csv", "--seed", "2"),
     ("certify", "2pauu-ppap", "--norm", "fro"),

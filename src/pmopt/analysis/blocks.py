@@ -16,7 +16,7 @@ from pmopt.numerics.sequences import Sequence, make_grid
 if TYPE_CHECKING:
     from pmopt.cluster import Cluster
 
-#: Tasks for each thread of the cluster, and most blocks of a task: a block's sums are some 130 kB.
+#: Tasks for each thread of the cluster, and most blocks of a task: a block's sums are some 460 kB.
 _TASKS = 4
 _MOST = 16
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
 from pmopt.units import ONE, exact
+
+if TYPE_CHECKING:
+    from pmopt.analysis.certified_index import IndexBounds
 
 Array = NDArray[np.float64]
 Stop = Literal["gap", "time budget", "boxes"]
@@ -56,7 +59,7 @@ _INSTEAD = "nothing is sampled, and proven with a working mode, a domain and lim
 READS = Reads(
     "certify", PLACE | INDEX | {"min_lci"}, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=_INSTEAD
 )
-VOLUME_READS = Reads("certify", PLACE, instead=_INSTEAD)
+VOLUME_READS = Reads("certify", PLACE | INDEX, instead=_INSTEAD)
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,10 @@ class CertifiedVolume:
         Boxes examined, and how many of the last ones are neither within nor outside.
     stopped : {"gap", "time budget", "boxes"}
         Why it ended: the gap was reached, or time or memory had run out.
+    index : IndexBounds or None
+        Of the least and the largest LCI, proven; None for an empty box.
+    norm, index_note : str
+        What the index is of.
     """
 
     mechanism: str
@@ -90,6 +97,9 @@ class CertifiedVolume:
     boxes: int
     undecided: int
     stopped: Stop
+    index: IndexBounds | None
+    norm: str
+    index_note: str
     volume_unit: str
     units: dict[str, str]
 
@@ -127,6 +137,9 @@ class CertifiedVolume:
                 "lower": self.lower,
                 "upper": self.upper,
             },
+            "lci": None if self.index is None else self.index.to_dict(),
+            "norm": self.norm,
+            "index_note": self.index_note,
             "gap": self.gap,
             "target_gap": self.target,
             "boxes": self.boxes,
@@ -155,7 +168,7 @@ def certify_volume(
     params : mapping, optional
         Design parameters; those left out take their defaults.
     settings : WorkspaceSettings, optional
-        Working mode, domain and limits.
+        Working mode, domain and limits; norm, Jacobian and characteristic length of the index.
     gap : float
         Relative gap between the bounds that is asked for.
     time_budget : float, optional
@@ -180,12 +193,16 @@ def certify_volume(
     found = _Boxes(0) if design.box_volume == 0 else None
     scale = Fraction(0)
     stopped: Stop = "gap"
+    index = None
     if found is None:
+        from pmopt.analysis.certified_index import bound_index
+
         enclosure = enclose(mechanism, design, _announced(notify))
         found, stopped = _enclose(enclosure, gap, began, time_budget, progress)
         scale = Fraction(1)
         for width in enclosure.width.tolist():
             scale *= Fraction(width)
+        index = bound_index(enclosure, settings.norm, found.examined, began, time_budget)
     low, high = found.bounds()
     lower, upper = _below(float(Fraction(low) * scale)), _above(float(Fraction(high) * scale))
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
@@ -205,6 +222,11 @@ def certify_volume(
         boxes=found.examined,
         undecided=int((found.high > found.low).sum()),
         stopped=stopped,
+        index=index,
+        norm=settings.norm,
+        index_note=index_note(
+            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
+        ),
         volume_unit=mechanism.volume_unit,
         units=units | {"gap": ONE},
     )

@@ -117,7 +117,8 @@ if TYPE_CHECKING:
     "--certify",
     type=options.Quantity("1"),
     metavar="GAP",
-    help="Guaranteed bounds of the volume instead of samples, GAP of it apart.",
+    help="Guaranteed bounds of the volume, GAP of it apart, and of the least and largest LCI "
+    "instead of samples.",
 )
 @click.option(
     "--time-budget",
@@ -187,9 +188,7 @@ def workspace_command(
     if certify is not None:
         unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
                   "seed": None if seed == DEFAULT_SEED else seed,
-                  "norm": None if norm == "2" else norm, "target-error": target_error,
-                  "regions": regions, "jacobian": kind,
-                  "characteristic-length": characteristic_length, "shape-grid": shape_grid,
+                  "target-error": target_error, "regions": regions, "shape-grid": shape_grid,
                   "dry-run": dry_run or None, "resume": resume or None,
                   "scheduler": scheduler}  # fmt: skip
         for name, value in unused.items():

@@ -30,11 +30,11 @@ STATISTICS = 7
 
 # Bins of the histogram of LCI: equal parts of octaves, told by the first bits of a float, so that
 # they are narrow for what they hold at any scale. Indices are not negative: in that order lie
-# their bits too. 128 bins an octave down to 2**-20, then 32 down to 2**-64; the first bin holds
+# their bits too. 128 bins an octave down to 2**-16, then 32 down to 2**-64; the first bin holds
 # what is below, 0 among it.
 FINE_SHIFT = 45
 COARSE_SHIFT = 47
-_FINE, _COARSE = 20, 64  # octaves below 1
+_FINE, _COARSE = 16, 64  # octaves below 1
 #: Number of bins.
 BINS = 1 + (_COARSE - _FINE) * 32 + _FINE * 128
 #: What is taken from the first bits to give a bin; the lines of both meet at 2**-_FINE.

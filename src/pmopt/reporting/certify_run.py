@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pmopt.analysis.certified_index import IndexBounds
 from pmopt.analysis.certify import (
     CertifiedVolume,
     Claim,
@@ -92,7 +93,7 @@ def _write(
 
 
 def volume_tables(result: CertifiedVolume) -> list[Table]:
-    """Return the bounds as a row."""
+    """Return the bounds of the volume as a row, those of the index as two."""
     row = (result.lower, result.upper, result.gap, result.boxes, result.undecided, result.stopped)
     return [
         Table(
@@ -103,8 +104,24 @@ def volume_tables(result: CertifiedVolume) -> list[Table]:
             (result.note,),
             display=((f"{result.lower:.12g}", f"{result.upper:.12g}", f"{result.gap:.3g}",
                       *row[3:]),),
-        )
+        ),
+        *([] if result.index is None else [_index_table(result, result.index)]),
     ]  # fmt: skip
+
+
+def _index_table(result: CertifiedVolume, index: IndexBounds) -> Table:
+    """Return the bounds of the least and the largest LCI, a row each."""
+    rows = (
+        ("least", index.min_lower, index.min_upper),
+        ("largest", index.max_lower, index.max_upper),
+    )
+    return Table(
+        "Guaranteed bounds of LCI",
+        ("lci", "lower", "upper"),
+        tuple((name, *(None if v != v else v for v in ends)) for name, *ends in rows),
+        {},
+        (f"LCI of the {result.index_note}; {result.norm}-norm",),
+    )
 
 
 def claim_tables(result: Claim) -> list[Table]:

@@ -151,17 +151,17 @@ def test_command_writes_its_folder_and_refuses_in_one_line(tmp_path):
         (["--motors", "theta_effort=3"], "theta1_effort"),
         (["--motors", "phi_rate=-1"], "a number > 0"),
         (["--speed", "-1"], "--speed: -1.0 is not allowed"),
-        (["--payload-centre", "1,2"], "is no X,Y,Z"),
+        (["--payload-centre", "1,2"], "three numbers X,Y,Z are needed"),
     ):
         assert told in error_line(here("capability", "2uu-upu", *words, cwd=tmp_path))
 
 
 def test_nothing_reachable_or_next_to_nothing(tmp_path):
     words = ("capability", "2pauu-ppap", "--samples", "2000", "--motors", "theta1_rate=3")
-    line = error_line(here(*words, "--params", "m=100", cwd=tmp_path), code=3)
+    line = error_line(here(*words, "--params", "m=100", "--quiet", cwd=tmp_path), code=3)
     assert "nothing is reachable: parameters: m=100 m leaves nothing" in line
     # Some replicates meet none of it.
-    few = json_answer(*words, "--params", "n=0.85,l1=0.0083,c=0.082,m=1.131", cwd=tmp_path)
+    few = json_answer(*words, "--quiet", "--params", "n=0.85,l1=0.0083,c=0.082,m=1.131", cwd=tmp_path)
     assert 0 < few["reachable"] < 100
 
 

@@ -579,7 +579,7 @@ def test_cli_claim(tmp_path):
 
 @pytest.mark.parametrize(("args", "told"), [
     (("workspace", "2pauu-ppap", "--certify", "0"), "between 0 and 1"),
-    (("workspace", "2pauu-ppap", "--certify", "nan"), "between 0 and 1"),
+    (("workspace", "2pauu-ppap", "--certify", "nan"), "nan is no number"),
     (("workspace", "2pauu-ppap", "--certify", "0.1", "--time-budget", "-1"), "seconds > 0"),
     (("workspace", "2pauu-ppap", "--time-budget", "1"), "--certify"),
     (("workspace", "2pauu-ppap", "--certify", "0.1", "--samples", "100"), "--samples"),

@@ -165,7 +165,7 @@ REFUSED = [
     ({"limits": {"theta1_rat": [0, 1]}}, "limits: unknown name 'theta1_rat'"),
     ({"limits": {"theta1_rate": [1, 0]}}, "limits: theta1_rate=1.0:0.0 is no range"),
     ({"limits": {"theta1_rate": 3}}, "limits.theta1_rate=3 is not allowed"),
-    ({"limits": {"x": [0, 1]}}, "limits: unknown name 'x'"),
+    ({"limits": {"x": [0, 1]}}, "limits: x is a pose coordinate"),
     ({"controller": {"kp": "high"}}, "controller.kp='high' is not allowed"),
     ({"controller": {"kd": {"theta3": 1.0}}}, "controller.kd: unknown name 'theta3'"),
     ({"controller": {"hold": 0}}, "controller.hold=0"),

@@ -84,6 +84,7 @@ def test_every_field_has_a_value():
     assert set(VALUES) == set(WorkspaceSettings.model_fields)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("analysis", READ, ids=lambda f: f.__name__)
 def test_every_field_is_read_or_refused(analysis):
     plain = analysis()

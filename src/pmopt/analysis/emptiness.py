@@ -129,8 +129,8 @@ class _Question:
                 return None
             poses = sweeper.points(design, sweeper.sequence(1), 0, _POSES)
             margin, lci = sweeper.field(design, poses)
-        except PmoptError:
-            return None
+        except (PmoptError, ArithmeticError, ValueError):
+            return None  # such a design cannot be made ready: nothing of it is reachable
         kept = (margin >= 0) & (lci >= settings.min_lci)
         return _Trial(sweeper, design, poses[:, kept], lci[kept]) if kept.any() else None
 

@@ -161,7 +161,8 @@ def test_nothing_reachable_or_next_to_nothing(tmp_path):
     line = error_line(here(*words, "--params", "m=100", "--quiet", cwd=tmp_path), code=3)
     assert "nothing is reachable: parameters: m=100 m leaves nothing" in line
     # Some replicates meet none of it.
-    few = json_answer(*words, "--quiet", "--params", "n=0.85,l1=0.0083,c=0.082,m=1.131", cwd=tmp_path)
+    small = "n=0.85,l1=0.0083,c=0.082,m=1.131"
+    few = json_answer(*words, "--quiet", "--params", small, cwd=tmp_path)
     assert 0 < few["reachable"] < 100
 
 

@@ -20,7 +20,7 @@ CONFIG = {
     "parameters": {"m": [0.5, 1.5], "n": 0.7, "l1": [0.5, 1.5], "l2": [0.5, 1.5], "c": 0.1},
     "workspace": {"samples": 2048, "sampler": "lines"},
     "algorithm": {"population": 8, "generations": 8, "reference": {"footprint": 20.0}},
-    "final": {"target_error": 1e-2},
+    "final": {"target_error": 1e-3},
 }
 #: By seed, of front.csv's designs by inclusion and exclusion, m^5.
 KNOWN = {1: 67.0, 2: 68.4}
@@ -46,7 +46,7 @@ def test_runs_of_other_seeds_are_measured_alike(seed, tmp_path):
     run = api.pareto(changed(algorithm={"seed": seed}), tmp_path / "run")
     manifest = json.loads((tmp_path / "run/manifest.json").read_text())
     assert manifest["result"]["reference_point"] == {"volume": 0.0, "gci": 0.0, "footprint": 20.0}
-    assert round(run.front.hypervolume, 1) == KNOWN[seed]
+    assert run.front.hypervolume == pytest.approx(KNOWN[seed], abs=0.1)
     front = run.tables["front"][["volume", "gci", "footprint"]].to_numpy()
     exact = union(front, (0, 0, 20), (1, 1, -1))
     assert run.front.hypervolume == pytest.approx(exact, rel=1e-12)

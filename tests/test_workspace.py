@@ -481,7 +481,7 @@ def test_open_limits_can_be_written(name):
     ("options", "message"),
     [
         ({"limits": {"theta3": (0, 1)}}, "workspace: limits: unknown name 'theta3'"),
-        ({"domain": {"d": (0, 1)}}, "workspace: domain: unknown name 'd'"),
+        ({"domain": {"d": (0, 1)}}, "workspace: domain: d is an actuated joint"),
         ({"working_mode": "out"}, "workspace: working_mode: unknown name 'out'"),
     ],
 )

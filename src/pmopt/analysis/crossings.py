@@ -187,7 +187,8 @@ def _touches(
         ):
             continue
         ends = [_signed(mechanism, mode, parameters, part, poses, end) for end in (low, high)]
-        if ends[0] * ends[1] > 0:
+        # Where the ends vanish too it is a stretch that is singular, which rows show.
+        if ends[0] * ends[1] > 0 and min(map(abs, ends)) > _ZERO:
             row = min(int(place), count - 2)
             pose = _between(poses[row], poses[row + 1], place - row)
             zeros.append((place, place, False, pose))

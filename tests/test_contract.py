@@ -148,7 +148,7 @@ def test_parameters_are_checked(mechanism):
         resolved = mechanism.resolve({parameter.name: value})
         assert resolved == {**mechanism.resolve({}), parameter.name: value}
         negative = -4.0 if parameter.kind == "angle" else -1.0
-        for wrong in (negative, math.nan, math.inf, "1.0", True, None):
+        for wrong in (negative, math.nan, math.inf, "1.0 K", True, None):
             if wrong is None and parameter.optional:
                 continue
             with pytest.raises(InputError, match=re.escape(f"{parameter.name}={wrong}")):
@@ -165,7 +165,7 @@ def test_poses_are_checked(mechanism):
             ({**good, "nonsense": 1}, "unknown name 'nonsense'"),
             ({k: v for k, v in good.items() if k != first.name}, f"{first.name} is missing"),
             ({**good, first.name: math.nan}, f"{first.name}=nan"),
-            ({**good, first.name: "1"}, f"{first.name}=1"),
+            ({**good, first.name: "1 K"}, f"{first.name}=1 K"),
         ]:
             with pytest.raises(InputError, match=f"here: {text}"):
                 mechanism.check_coordinates(bad, coordinates, "here")

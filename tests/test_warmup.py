@@ -24,13 +24,13 @@ def nothing_kept(empty_cache, monkeypatch):
 def test_all_that_a_workspace_needs(nothing_kept):
     told = []
     sweeper = Sweeper(find("2pauu-ppap"), WorkspaceSettings(), notify=told.append)
-    assert warm_up([sweeper], 2) == {"2pauu-ppap": 5}
+    assert warm_up([sweeper], 2) == {"2pauu-ppap": 6}
     assert len(told) == 1
     assert "compiling the kernels of 2pauu-ppap" in told[0]
     kept = sorted(path.name for path in nothing_kept.glob("*/*.o"))
     assert kept == [
-        "chain.o", "field.o", "label_runs.o", "lattice.o", "outline.o", "points.o", "probe.o",
-        "sweep.o",
+        "advance.o", "chain.o", "field.o", "label_runs.o", "lattice.o", "locate.o", "outline.o",
+        "points.o", "probe.o", "sweep.o",
     ]  # fmt: skip
     assert warm_up([sweeper], 2) == {"2pauu-ppap": 0}
     assert len(told) == 1
@@ -62,7 +62,7 @@ def test_command(tmp_path):
 
     first = warm("2pauu-ppap", "--format", "json")
     assert first.returncode == 0
-    assert '"2pauu-ppap": 8' in first.stdout
+    assert '"2pauu-ppap": 9' in first.stdout
     assert first.stderr.count("compiling the kernels of 2pauu-ppap") == 1
     second = warm("2pauu-ppap", "--format", "json", "--quiet")
     assert '"2pauu-ppap": 0' in second.stdout

@@ -121,7 +121,8 @@ def measure_projection(
             ordered_map(
                 lambda part: hull(sweeper.outline(design, part, 0, count)), parts, sweeper.threads
             )
-        )
+        ),
+        len(design.width),
     )
     if positions_are_poses(sweeper, design):
         if known is None:
@@ -168,12 +169,19 @@ def _reachable(
             np.concatenate([f[1] for f in found], axis=1))  # fmt: skip
 
 
-def _footprint(corners: list[NDArray[np.float64]]) -> Estimate:
-    """Return the area of the hull of points from the hulls of parts of them."""
+def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
+    """Return the area of the hull of points from the hulls of parts of them.
+
+    A hull of N points is too small. Where the extremes of d coordinates lie on one smooth limit,
+    what is missing falls with N^(-2 / (d + 1)): what the parts together have added tells how much
+    more all points would.
+    """
     areas = np.array([_area(c) for c in corners])
     whole = _area(hull(np.concatenate(corners)))
-    # A hull of points is too small: what four times the points have added, they will add again.
-    missing = whole - float(areas.mean())
+    if whole == 0:  # no pose was met
+        return Estimate(math.nan, math.nan)
+    gained = len(corners) ** (2 / (axes + 1)) - 1
+    missing = (whole - float(areas.mean())) / gained
     return Estimate(
         whole + missing, max(math.hypot(missing, float(areas.std(ddof=1))), 1e-12 * whole)
     )

@@ -177,9 +177,9 @@ def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
     more all points would.
     """
     areas = np.array([_area(c) for c in corners])
-    whole = _area(hull(np.concatenate(corners)))
-    if whole == 0:  # no pose was met
+    if not any(map(len, corners)):  # no pose was met
         return Estimate(math.nan, math.nan)
+    whole = _area(hull(np.concatenate(corners)))
     gained = len(corners) ** (2 / (axes + 1)) - 1
     missing = (whole - float(areas.mean())) / gained
     return Estimate(

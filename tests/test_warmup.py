@@ -11,13 +11,14 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.analysis.warmup import warm_up
 from pmopt.mechanisms import find
-from pmopt.numerics import cells, compiled
+from pmopt.numerics import ascent, cells, compiled
 
 
 @pytest.fixture
 def nothing_kept(empty_cache, monkeypatch):
     """Forget the shared kernels too."""
-    monkeypatch.setattr(cells, "kernels", cells.kernels.__wrapped__)
+    for module in (ascent, cells):
+        monkeypatch.setattr(module, "kernels", module.kernels.__wrapped__)
     return empty_cache
 
 

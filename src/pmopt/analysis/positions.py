@@ -32,7 +32,7 @@ _POSES_A_POSITION = 32
 _FEWEST = 1 << 10
 _REPLICATES = 16
 #: Positions in the box of those reached, for each that is near one.
-_MOST_FOR_ONE = 8.0
+_MOST_FOR_ONE = 4.0
 #: Distances between positions by which the box is wider than the poses' positions.
 _WIDER = 1.5
 #: Edge of the cells in which known positions are looked for, in the same distances.

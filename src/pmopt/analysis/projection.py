@@ -180,15 +180,20 @@ def measure_footprint(sweeper: Sweeper, design: Design, points: Sequence, count:
     )
     if not any(map(len, ends)):
         return Estimate(math.nan, math.nan)
-    return _footprint([hull(corners) for corners in ends])
+    return _footprint([hull(corners) for corners in ends], len(design.width))
 
 
-def _footprint(corners: list[NDArray[np.float64]]) -> Estimate:
-    """Return the area of the hull of points from the hulls of parts of them."""
+def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
+    """Return the area of the hull of points from the hulls of parts of them.
+
+    A hull of N points is too small. Where the extremes of d coordinates lie on one smooth limit,
+    what is missing falls with N^(-2 / (d + 1)): what the parts together have added tells how much
+    more all points would.
+    """
     areas = np.array([area(c) for c in corners])
     whole = area(hull(np.concatenate(corners)))
-    # A hull of points is too small: what four times the points have added, they will add again.
-    missing = whole - float(areas.mean())
+    gained = len(corners) ** (2 / (axes + 1)) - 1
+    missing = (whole - float(areas.mean())) / gained
     return Estimate(
         whole + missing, max(math.hypot(missing, float(areas.std(ddof=1))), 1e-12 * whole)
     )

@@ -15,19 +15,21 @@ import math
 from pmopt.numerics.compiled import Compiled, Entry
 from pmopt.numerics.specialise import INLINE
 
-#: Most coordinates of a pose; of a fibre, those that a step moves along; planes that are kept.
-MOST_AXES = 8
+#: Directions along a fibre that a step moves in, and planes that are kept.
 MOST_FREE = 2
 PLANES = 5
-#: Differences and steps are in units of the poses, misses in units of the positions.
+#: Shift of a coordinate for differences, in units of the poses, as steps are.
 DIFFERENCE = 1e-6
+#: Misses, in units of the positions: none, little, and what tells that a fibre bends.
 CLOSE = 1e-6
 NEAR = 1e-2
-HALF = 0.5
+BENT = 3e-3
+#: Steps along a fibre that are none, that a search begins with, and the longest of all.
 LEAST_STEP = 1e-4
 FIRST_STEP = 0.25
 LONGEST = 0.5
-BENT = 3e-3
+#: The share of the lack of slack that a step at its longest must promise to make up for.
+HALF = 0.5
 #: Of the height that the planes promise above 0, the share that is stepped for.
 AIM = 0.3
 #: Of the rise that is aimed at, the share that may be lost.
@@ -259,7 +261,7 @@ def advance(  # type: ignore[no-untyped-def]
         Poses before the last steps.
     status : (N,) int64
         Written.
-    vectors, planes : (5 + MOST_FREE, d), (PLANES, 1 + MOST_FREE) float64
+    vectors, planes : (4 + MOST_FREE, d), (PLANES, 1 + MOST_FREE) float64
         Overwritten.
     """
     axes = poses.shape[0]

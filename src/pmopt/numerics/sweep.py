@@ -28,7 +28,7 @@ WITHIN = 5  # points inside every limit, whatever their LCI
 HITS = 6  # as REACHABLE, but points on lines count as one, whatever their weight
 STATISTICS = 7
 
-# Bins of the histogram of LCI: equal parts of octaves, told by the first bits of a float, so that
+# Bins of the histogram of LCI: equal parts of octaves, given by the first bits of a float, so that
 # they are narrow for what they hold at any scale. Indices are not negative: in that order lie
 # their bits too. 128 bins an octave down to 2**-16, then 32 down to 2**-64; the first bin holds
 # what is below, 0 among it.

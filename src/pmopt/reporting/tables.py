@@ -245,10 +245,13 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     """Return every sampled number with its error, then the shape."""
     unit = result.volume_unit
     quantiles = zip((0.05, 0.5, 0.95), result.quantiles, strict=True)
-    entries = [
+    extremes = {"lci min": (result.smallest, "<="), "lci max": (result.largest, ">=")}
+    entries: list[tuple[str, tuple[float, float], str]] = [
         ("volume", result.volume, unit),
         ("gci", result.gci, ONE),
+        ("lci min", (result.smallest.value, math.nan), ONE),
         *((f"lci quantile {q:g}", e, ONE) for q, e in quantiles),
+        ("lci max", (result.largest.value, math.nan), ONE),
     ]
     for region in result.regions:
         name = f"{region.lower:g} <= lci < {region.upper:g}"
@@ -274,17 +277,10 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     for name, e, u in entries:
         value, error = (None if math.isnan(v) else v for v in e)
         own = result.projection is None or e is result.volume or name not in _IN_SPACE
-        texts = with_error(*e)
+        texts = (bounded_text(*extremes[name]), None) if name in extremes else with_error(*e)
         if name == "projected volume" and result.projection and result.projection.lower:
             texts = (f">= {texts[0]}", texts[1])
         add(name, value, texts, error, u, own)
-        for after, extreme, sign in (
-            ("gci", result.smallest, "<="), ("lci quantile 0.95", result.largest, ">="),
-        ):  # fmt: skip
-            if name == after:
-                which = "lci min" if after == "gci" else "lci max"
-                value = None if math.isnan(extreme.value) else extreme.value
-                add(which, value, (bounded_text(extreme, sign), None), None, ONE)
     design = ", ".join(
         f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
         for k, v in result.params.items()

@@ -9,6 +9,7 @@ import click
 from pmopt.cli import options
 from pmopt.cli.output import emit
 from pmopt.files import write_atomic
+from pmopt.folder_lock import FolderLock
 
 
 @click.command("plot")
@@ -30,9 +31,11 @@ def plot_command(
     from pmopt.reporting.table import Table
 
     folder = out or run
-    drawn = pictures.of_folder(run, threads)
-    for name, data in drawn.items():
-        write_atomic(folder / name, data)
+    pictures.manifest_of(run)
+    with FolderLock(folder):  # a run that is being written there comes first
+        drawn = pictures.of_folder(run, threads)
+        for name, data in drawn.items():
+            write_atomic(folder / name, data)
     written = [str(folder / name) for name in drawn]
     rows = tuple((path,) for path in written)
     emit(form, {"written": written}, [Table("Written", ("file",), rows, {})])

@@ -37,7 +37,7 @@ from pmopt.reporting.canvas import (
     with_unit,
 )
 from pmopt.reporting.fields import Section, section_fields
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
 
 #: Colours end at twice what the motors have.
@@ -126,7 +126,14 @@ def run_capability(
     notify: Callable[[str], None] | None = None,
 ) -> Capability:
     """Sample demands and the capable region and, with ``out``, write the run's folder."""
-    folder = RunFolder(out, force) if out is not None else None
+    with claimed(out, force) as folder:
+        return _run(asked, folder, threads, notify)
+
+
+def _run(
+    asked: CapabilityTask, folder: RunFolder | None, threads: int | None,
+    notify: Callable[[str], None] | None,
+) -> Capability:  # fmt: skip
     result = compute(asked, threads, notify)
     if folder is None:
         return result

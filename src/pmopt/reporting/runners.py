@@ -6,6 +6,7 @@ A command joins by a subclass of :class:`Runner` in :data:`RUNNERS`.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import time
 from abc import ABC, abstractmethod
@@ -24,10 +25,10 @@ from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.validation import validated
 from pmopt.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.errors import InfeasibleError, InputError, unknown_name
-from pmopt.files import sha256
+from pmopt.files import read_file, read_json, sha256
 from pmopt.mechanisms import find
 from pmopt.reporting import workspace_checkpoint
-from pmopt.reporting.run_folder import read_manifest
+from pmopt.reporting.run_folder import manifest_to_keep
 from pmopt.reporting.table import shown, with_error
 from pmopt.reporting.tasks import Plan, WorkspaceTask
 from pmopt.synthesis.checkpoint import GROWS, plain
@@ -59,6 +60,11 @@ class Results(NamedTuple):
             return "-"
         text = shown(value) if error is None else " ± ".join(with_error(value, error))
         return f"{text} {self.unit(name)}" if unit and self.unit(name) != ONE else text
+
+
+def _rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file of a run."""
+    return list(csv.DictReader(io.StringIO(read_file(path).decode("utf-8"), newline="")))
 
 
 class Runner(ABC):
@@ -149,7 +155,7 @@ class Runner(ABC):
 
     def changes(self, folder: Path) -> list[str]:
         """Return what keeps this run from going on in a folder, as ``key: old -> new``."""
-        manifest = read_manifest(folder)
+        manifest = manifest_to_keep(folder)
         found = CheckpointFolder.configuration(folder)
         before = self.recorded(manifest) if manifest else found
         if before is None:
@@ -162,7 +168,7 @@ class Runner(ABC):
 
     def finished(self, folder: Path) -> bool:
         """Return whether a folder holds this very run, finished."""
-        manifest = read_manifest(folder)
+        manifest = manifest_to_keep(folder)
         if manifest is None or manifest["command"] != self.command:
             return False
         return self.complete(self.recorded(manifest)) == self.complete(self.identity())
@@ -222,8 +228,7 @@ class ParetoRunner(Runner):
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return the front's size and hypervolume, the best of each objective and the knee."""
         found, names = manifest["result"], manifest["config"]["objectives"]
-        with (folder / "front.csv").open(encoding="utf-8", newline="") as stream:
-            front = list(csv.DictReader(stream))
+        front = _rows_of(folder / "front.csv")
         values: dict[str, float | int | None] = {
             "designs": found["designs"],
             "hypervolume": found["hypervolume"],
@@ -325,7 +330,7 @@ class WorkspaceRunner(Runner):
     @classmethod
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return volume, GCI and their errors."""
-        found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        found = read_json(folder / "result.json")
         values = {
             name: value
             for key in ("volume", "gci")
@@ -407,8 +412,7 @@ class MotionRunner(Runner):
     @classmethod
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return the peaks of effort and power of each joint; without masses, of its rate."""
-        with (folder / "summary.csv").open(encoding="utf-8", newline="") as stream:
-            found = list(csv.DictReader(stream))
+        found = _rows_of(folder / "summary.csv")
         rows = [row for row in found if row["quantity"] in ("effort", "power")] or [
             row for row in found if row["quantity"] == "rate"
         ]

@@ -520,33 +520,52 @@ def in_time(*words, cwd):
         timer.cancel()
 
 
+LOOKS = [
+    ("plot", "run"),
+    ("pareto", "search.toml", "--out", "run", "--resume"),
+    ("pareto", "search.toml", "--out", "run"),
+    ("pareto", "search.toml", "--out", "run", "--force"),
+    ("batch", "search.toml", "--out", "out", "--workers", 1),
+    ("batch", "search.toml", "--out", "out", "--workers", 1, "--force"),
+]
+
+
+def look(home, searched, words, name, strange):
+    """Put something strange into a copy of a run, and let a command look at it."""
+    subprocess.run(["cp", "-a", str(searched), str(home)], check=True)
+    place = home / ("out/runs/search" if words[0] == "batch" else "run") / name
+    subprocess.run(["rm", "-rf", str(place)], check=True)
+    strange(place)
+    result = in_time(*words, "--quiet", cwd=home)
+    for text in ("Traceback", "unexpected"):
+        assert text not in result.stderr + result.stdout
+    assert result.returncode in (0, 1, 2)
+    if result.returncode and words[0] != "batch":
+        error_line(result, result.returncode)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_strange_files_are_one_line(searched, tmp_path, name):
+    """Each with one of the commands that look at a run."""
+    for k, strange in enumerate(STRANGE):
+        words = LOOKS[(k + NAMES.index(name)) % len(LOOKS)]
+        look(tmp_path / str(k), searched, words, name, strange)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("strange", STRANGE)
 @pytest.mark.parametrize("name", NAMES)
-def test_strange_files_are_one_line(searched, tmp_path, name, strange):
-    """For each command that looks at a run: it does its work, or says in a line why not."""
-    for words in (("plot", "run"), ("pareto", "search.toml", "--out", "run", "--resume"),
-                  ("pareto", "search.toml", "--out", "run"),
-                  ("pareto", "search.toml", "--out", "run", "--force"),
-                  ("batch", "search.toml", "--out", "out"),
-                  ("batch", "search.toml", "--out", "out", "--force")):  # fmt: skip
-        home = tmp_path / "_".join(words[:1] + words[3:])
-        subprocess.run(["cp", "-a", str(searched), str(home)], check=True)
-        place = home / ("out/runs/search" if words[0] == "batch" else "run") / name
-        subprocess.run(["rm", "-rf", str(place)], check=True)
-        strange(place)
-        result = in_time(*words, "--quiet", cwd=home)
-        assert "Traceback" not in result.stderr
-        assert "unexpected" not in result.stderr, result.stderr
-        assert "unexpected" not in result.stdout, result.stdout
-        assert result.returncode in (0, 1, 2)
-        if result.returncode and words[0] != "batch":
-            error_line(result, result.returncode)
+def test_strange_files_are_one_line_to_all(searched, tmp_path, name, strange):
+    """A command does its work, or says in a line why not."""
+    for k, words in enumerate(LOOKS):
+        look(tmp_path / str(k), searched, words, name, strange)
 
 
 BATCH_NAMES = ["manifest.json", "batch.json", "batch.lock", "summary.csv", "runs",
                "runs/search/failure.json", "runs/search"]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strange", STRANGE)
 @pytest.mark.parametrize("name", BATCH_NAMES)
 def test_strange_files_in_a_batch_are_one_line(searched, tmp_path, name, strange):

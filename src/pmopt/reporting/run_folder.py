@@ -65,7 +65,10 @@ def manifest_to_keep(folder: Path) -> dict[str, Any] | None:
 
 
 def _is_manifest(document: dict[str, Any]) -> bool:
-    return isinstance(document.get("command"), str) and isinstance(document.get("units", {}), dict)
+    tables = ("config", "outputs", "units")
+    return isinstance(document.get("command"), str) and all(
+        isinstance(document.get(name, {}), dict) for name in tables
+    )
 
 
 def settle(folder: Path) -> None:

@@ -157,10 +157,16 @@ class Runner(ABC):
         """Return what keeps this run from going on in a folder, as ``key: old -> new``."""
         manifest = manifest_to_keep(folder)
         found = CheckpointFolder.configuration(folder)
-        before = self.recorded(manifest) if manifest else found
+        before = self._recorded(folder, manifest) if manifest else found
         if before is None:
             return []
         return changes(self.complete(before), self.complete(self.identity()), self.grows)
+
+    def _recorded(self, folder: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
+        try:
+            return self.recorded(manifest)
+        except (LookupError, TypeError, AttributeError):
+            raise InputError(f"{folder}: its manifest.json is damaged") from None
 
     def done(self, folder: Path) -> float | None:
         """Return the share of a running run that is done, None where nothing tells."""
@@ -171,7 +177,8 @@ class Runner(ABC):
         manifest = manifest_to_keep(folder)
         if manifest is None or manifest["command"] != self.command:
             return False
-        return self.complete(self.recorded(manifest)) == self.complete(self.identity())
+        before = self._recorded(folder, manifest)
+        return self.complete(before) == self.complete(self.identity())
 
 
 @dataclass(frozen=True)

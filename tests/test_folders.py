@@ -33,8 +33,10 @@ generations = 3
 [final]
 target_error = 0.1
 """
-BATCH = 'command = "workspace"\nmechanism = "2pauu-ppap"\nshape_grid = 0\n' \
-        "[workspace]\nsamples = 1000\n[sweep]\nseed = [1, 2]\n"
+BATCH = (
+    'command = "workspace"\nmechanism = "2pauu-ppap"\nshape_grid = 0\n'
+    "[workspace]\nsamples = 1000\n[sweep]\nseed = [1, 2]\n"
+)
 #: One of each command that writes a run's folder; a second one of them differs in its numbers.
 COMMANDS = {
     "pareto": ("pareto", "search.toml"),
@@ -293,8 +295,10 @@ def hold(folder):
         "import sys; from pathlib import Path; from pmopt.folder_lock import FolderLock\n"
         f"with FolderLock(Path({str(folder)!r})): print('held', flush=True); sys.stdin.read()"
     )
-    process = subprocess.Popen([sys.executable, "-c", script, "motion", "x y"], text=True,
-                               stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment())  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, "motion", "x y"], text=True, env=environment(),
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
     assert process.stdout.readline() == "held\n"
     return process
 

@@ -32,7 +32,6 @@ from pmopt.reporting.batch_plan import (
 )
 from pmopt.reporting.batch_summary import FAILURE, BatchResult, RunSummary, Status, summary_of
 from pmopt.reporting.run_folder import (
-    MANIFEST,
     PLAN,
     RUNS,
     RunFolder,

@@ -289,9 +289,7 @@ def _refuse_runs(path: Path) -> None:
             f"--out: {path} holds {what}; --resume continues it, --force starts afresh"
         )
     if finished:
-        raise InputError(
-            f"--out: {path} holds a finished run; another folder or --force is needed"
-        )
+        raise InputError(f"--out: {path} holds a finished run; another folder or --force is needed")
     for name, what in ((MANIFEST, "a damaged manifest.json"), (PLAN, "an unfinished batch")):
         # A link is none of ours, and is replaced.
         if os.path.lexists(path / name) and not (path / name).is_symlink():

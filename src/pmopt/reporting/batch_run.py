@@ -109,9 +109,11 @@ class Share:
     threads: int
     scheduler: str | None
 
-    def pool(self) -> LocalWorkers | Cluster:
+    def pool(self, notify: Notify | None = None) -> LocalWorkers | Cluster:
         """Return what runs the runs, a context."""
-        return LocalWorkers(self.workers) if self.scheduler is None else Cluster(self.scheduler)
+        if self.scheduler is None:
+            return LocalWorkers(self.workers)
+        return Cluster(self.scheduler, notify)
 
 
 def shares(
@@ -175,7 +177,7 @@ def run_batch(
     batch = Batch(plan_runs(find_configs(configs)), out, part)
     batch.check(force)
     share = shares(len(batch.own), workers, threads, scheduler)
-    with share.pool() as pool:
+    with share.pool(notify) as pool:
         return batch.run(pool, force=force, threads=share.threads, notify=notify)
 
 

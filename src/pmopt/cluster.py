@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from pmopt.errors import InputError, PmoptError
-from pmopt.scheduler import PATIENCE, Answer, Notify, Watch, ask, hush
+from pmopt.scheduler import PATIENCE, Answer, Notify, SchedulerLost, Watch, ask, hush
 from pmopt.version import __version__
 from pmopt.workers import TICK, Tick
 
@@ -110,6 +110,8 @@ class Cluster:
                         break
                 try:
                     found: Result | PmoptError = self._results([futures[number]])[0]
+                except SchedulerLost:
+                    raise
                 except PmoptError as error:
                     found = error
                 yield number, found
@@ -192,7 +194,7 @@ class Cluster:
         except KilledWorker:
             raise PmoptError("the workers that had it died, one after the other") from None
         except CancelledError:
-            raise PmoptError(f"the scheduler at {self.address} has gone") from None
+            raise SchedulerLost(f"the scheduler at {self.address} has gone") from None
         except Exception as error:
             raise PmoptError(
                 f"on the cluster at {self.address}: {type(error).__name__}: {error}"

@@ -32,6 +32,10 @@ _CONNECT, _LOOK, _NOTICE = 2.0, 1.0, 5.0
 _LOGGERS = ("distributed", "dask", "tornado", "asyncio", "bokeh")
 
 
+class SchedulerLost(PmoptError):
+    """In the middle of a run the scheduler has gone, is silent or has no workers."""
+
+
 @dataclass(frozen=True)
 class Answer:
     """What a scheduler says of itself: the threads of all its workers."""
@@ -183,7 +187,7 @@ class Watch:
 
         Raises
         ------
-        PmoptError
+        SchedulerLost
             When the scheduler is silent, or without workers, for longer than is promised.
         """
         self.look()
@@ -191,10 +195,11 @@ class Watch:
         gone = isinstance(self.last, Failure) and not self.last.reason
         if now - self._answered > (PATIENCE if gone else SILENT):
             what = "has gone" if gone else f"has not answered for {SILENT:.0f} s"
-            raise PmoptError(f"the scheduler at {self.address} {what}")
+            raise SchedulerLost(f"the scheduler at {self.address} {what}")
         if now - self._staffed > WITHOUT:
-            raise PmoptError(f"the scheduler at {self.address} has no workers left, "
-                             f"for {WITHOUT:.0f} s")  # fmt: skip
+            raise SchedulerLost(
+                f"the scheduler at {self.address} has no workers left, for {WITHOUT:.0f} s"
+            )
 
     def first_answer(self, patience: float) -> None:
         """Wait until the scheduler answers and has a worker.

@@ -325,6 +325,22 @@ def test_the_second_command_says_who_is_first(home, holder, name):
     assert files_in(home / "run") == [folder_lock.NAME]
 
 
+def test_a_worker_waits_for_one_whose_batch_was_killed(home):
+    """Such a worker ends within a second or so."""
+    process = subprocess.Popen(
+        [*COMMAND, "batch", "batch.toml", "--workers", "1", "--out", "out"], cwd=home, text=True,
+        env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    other = hold(home / "out" / "runs" / "batch-seed=1")
+    while not (home / "out" / "batch.lock").exists():
+        time.sleep(0.01)
+    time.sleep(3)
+    other.kill()
+    other.communicate()
+    assert process.communicate(timeout=TIMEOUT)[1].count("finished") == 2
+    assert process.returncode == 0
+
+
 def test_a_killed_command_holds_nobody_up(home, holder):
     holder.kill()
     holder.wait()

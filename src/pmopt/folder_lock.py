@@ -35,6 +35,10 @@ _LOOKS, _PAUSE = 20, 0.05
 _SHOWN = 200
 
 
+class InUseError(InputError):
+    """A living command has the folder."""
+
+
 class FolderLock:
     """Keeps other commands from a folder, which is made where there is none.
 
@@ -44,7 +48,7 @@ class FolderLock:
 
     Raises
     ------
-    InputError
+    InUseError
         When a living command has the folder: one line that says which.
     PmoptError
         When the folder cannot be written.
@@ -77,14 +81,14 @@ class FolderLock:
                     raise PmoptError(f"{self._path}: is no file")
                 locked = _lock(handle)
                 if locked is False or (locked is None and self._is_held()):
-                    raise InputError(self._line())
+                    raise InUseError(self._line())
                 if not self._is_there(handle):  # its holder has just ended
                     continue
                 self._sign(handle)
                 if locked is None:
                     time.sleep(_PAUSE)
                     if self._is_held():  # another one has signed after us
-                        raise InputError(self._line())
+                        raise InUseError(self._line())
                 self._handle, handle = handle, -1
                 return
             finally:

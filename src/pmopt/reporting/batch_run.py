@@ -23,6 +23,7 @@ from pmopt.checkpoint import differences
 from pmopt.cluster import Cluster
 from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
 from pmopt.files import read_file, read_json, unwritable, write_atomic
+from pmopt.folder_lock import InUseError
 from pmopt.reporting.batch_plan import (
     PlannedRun,
     find_configs,
@@ -53,6 +54,8 @@ SCHEMA = 1
 _PROBED = 2
 #: Least seconds between two looks at whether a run on another machine is still wanted.
 _BEAT = 1.0
+#: Seconds to wait for a folder that another worker still has.
+_HELD = 15.0
 
 #: Bytes of a key, at most.
 _LONGEST_KEY = 1000
@@ -214,7 +217,7 @@ class _Unwanted(Exception):
 def run_job(job: Job) -> Outcome:
     """Run one run of a batch: what a worker does. Raises nothing."""
     shared = _key_of(job.lock) == job.key
-    looked = time.monotonic()
+    began = looked = time.monotonic()
 
     def beat() -> None:
         nonlocal looked
@@ -226,8 +229,14 @@ def run_job(job: Job) -> Outcome:
     try:
         runner = RUNNERS[job.command].resolve(job.document, job.source)
         if shared:
-            runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
-            return Outcome()
+            while True:
+                try:
+                    runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
+                    return Outcome()
+                except InUseError:  # by a worker of a batch that was killed, for a moment still
+                    if time.monotonic() - began > _HELD:
+                        raise
+                    time.sleep(_BEAT / 2)
         with tempfile.TemporaryDirectory(prefix="pmopt-") as folder:
             runner.run(Path(folder), force=True, threads=job.threads)
             paths = [p for p in Path(folder).rglob("*") if p.is_file()]

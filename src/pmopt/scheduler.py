@@ -146,7 +146,7 @@ class Watch:
         self._answers: queue.SimpleQueue[Answer | Failure] = queue.SimpleQueue()
         self._began = self._answered = self._staffed = self._told = time.monotonic()
         self._asked: float | None = None
-        self._next = 0.0
+        self._next = self._began + _LOOK  # most waiting is shorter
         self._shown = 0.0
         #: What the scheduler has said last.
         self.last: Answer | Failure | None = None
@@ -208,7 +208,7 @@ class Watch:
         ------
         PmoptError
         """
-        met = False
+        met, self._next = False, self._began
         while True:
             self.look()
             now = time.monotonic()

@@ -362,6 +362,7 @@ class Batch:
         manifest = read_manifest(self.folder)
         return (
             manifest is not None
+            and self.place == self.folder  # else one was begun that replaces it
             and (_read_plan(self.place) or {}).get("runs") == [r.to_dict() for r in self.runs]
             and not self.todo(force=False)
         )

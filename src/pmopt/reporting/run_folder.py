@@ -303,7 +303,7 @@ def _names_of(path: Path) -> list[str]:
     names = [
         name
         for name in (outputs if isinstance(outputs, dict) else ())
-        if Path(name).name == name and not (path / name).is_dir()
+        if Path(name).name == name and name[:1] != "." and not (path / name).is_dir()
     ]
     if (path / CHECKPOINT).exists():
         names.append(FOLDER)

@@ -896,7 +896,9 @@ def test_two_batches_do_not_write_one_folder(long_batch, tmp_path):
     try:
         wait_for(lambda: generations(out) >= 1, process)
         result = here("batch", path, "--out", out, cwd=tmp_path)
-        assert error_line(result, 1).endswith("another pmopt batch is writing it")
+        line = error_line(result)
+        assert f"out: is being written by process {process.pid} on " in line
+        assert f": pmopt batch {path} " in line
     finally:
         process.kill()
         process.communicate()

@@ -272,3 +272,179 @@ def test_processes_that_begin_at_once(tmp_path):
     stamp = path.stat().st_mtime_ns
     assert begin(tmp_path).communicate() == answers[0]
     assert path.stat().st_mtime_ns == stamp
+
+
+# --- caches that are shared, foreign or not there -----------------------------------------------
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """Return the folder for temporary files that is this user's own."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(compiled.tempfile, "gettempdir", lambda: str(folder))
+    return folder / f"pmopt-{os.geteuid()}"
+
+
+def writable_by_others(path):
+    path.chmod(0o664)
+
+
+def of_another_user(path):
+    if os.geteuid():
+        pytest.skip("only root can give a file away")
+    os.chown(path, 12345, 12345)
+
+
+def pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+def folder_of_that_name(path):
+    path.unlink()
+    path.mkdir()
+
+
+def sparse(path):
+    with path.open("r+b") as stream:
+        stream.truncate(1 << 30)
+
+
+@pytest.mark.parametrize("change", [
+    writable_by_others, of_another_user, pipe, folder_of_that_name, sparse,
+])  # fmt: skip
+def test_machine_code_of_others_is_not_run(cache, own, change):
+    """It is compiled anew, once, and put aside; what is another's stays as it is."""
+    (path,) = cache.folder.glob("*/scale.o")
+    change(path)
+    before = path.lstat()
+    for _ in range(2):
+        assert called(kernels()) == [3.0, 6.0]
+        assert cache.made == ["scale"]
+    assert path.lstat() == before
+    assert [p.name for p in own.rglob("*.o")] == ["scale.o"]
+    assert own.stat().st_mode & 0o777 == 0o700
+    assert called(kernels(), "shift") == [4.0, 5.0]
+    assert cache.made == ["scale"]
+
+
+def a_file(path):
+    path.write_text("mine")
+
+
+def a_link_to_nowhere(path):
+    path.symlink_to(path.with_name("nowhere") / "deeper")
+
+
+@pytest.mark.parametrize("kind", [a_file, a_link_to_nowhere])
+def test_no_folder_where_the_cache_should_be(cache, own, tmp_path, monkeypatch, kind):
+    place = tmp_path / "strange"
+    kind(place)
+    before = place.lstat()
+    monkeypatch.setenv("PMOPT_CACHE_DIR", str(place))
+    for _ in range(2):
+        assert called(kernels()) == [3.0, 6.0]
+    assert cache.made == ["scale"]
+    assert place.lstat() == before
+    assert [p.name for p in own.rglob("*.o")] == ["scale.o"]
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "open to others", "foreign"])
+def test_a_folder_that_is_not_this_users_own_is_not_used(cache, own, tmp_path, monkeypatch, kind):
+    place = tmp_path / "strange"
+    place.write_text("")
+    monkeypatch.setenv("PMOPT_CACHE_DIR", str(place))
+    if kind == "file":
+        own.write_text("")
+    elif kind == "link":
+        (tmp_path / "elsewhere").mkdir()
+        own.symlink_to(tmp_path / "elsewhere")
+    else:
+        own.mkdir()
+        own.chmod(0o777 if kind == "open to others" else 0o755)
+        if kind == "foreign":
+            of_another_user(own)
+    for _ in range(2):
+        assert called(kernels()) == [3.0, 6.0]
+    assert cache.made == ["scale", "scale"]
+    assert not list(own.rglob("*.o"))
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o644)])
+def test_files_of_the_cache_are_nobody_elses_to_write(tmp_path, monkeypatch, umask, mode):
+    monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiled, "_object_code", lambda entry, _: b"code")
+    monkeypatch.setattr(compiled, "_load", lambda code: 1)
+    before = os.umask(umask)
+    compiled._umask.cache_clear()
+    try:
+        kernels().scale  # noqa: B018
+    finally:
+        os.umask(before)
+        compiled._umask.cache_clear()
+    found = [p for p in (tmp_path / "cache").rglob("*") if p.is_file()]
+    assert sorted(p.name for p in found) == ["kernels.py", "scale.o"]
+    assert {p.stat().st_mode & 0o777 for p in found} == {mode}
+
+
+#: Another user, who may read what this one may: the interpreter may be in a home.
+OTHER = ["setpriv", "--reuid", "12345", "--regid", "12345", "--clear-groups",
+         "--inh-caps", "+dac_read_search", "--ambient-caps", "+dac_read_search"]  # fmt: skip
+
+
+@pytest.fixture
+def other():
+    """Return the words that make a command another user's, without a home or a name."""
+    if not shutil.which("setpriv") or subprocess.run([*OTHER, "true"]).returncode:
+        pytest.skip("there is no other user to be")
+    return [*OTHER, "env", "-i", f"PATH={os.environ['PATH']}", "NUMBA_NUM_THREADS=1"]
+
+
+def as_other(other, *settings, cwd):
+    return subprocess.run([*other, *settings, sys.executable, "-c", SCRIPT], cwd=cwd, text=True,
+                          capture_output=True)  # fmt: skip
+
+
+def test_two_users_of_one_cache(other, tmp_path):
+    """Neither runs the other's code, each keeps its own."""
+    shared, temporary = tmp_path / "shared", tmp_path / "temporary"
+    for path in (tmp_path, *list(tmp_path.parents)[:2]):
+        path.chmod(path.stat().st_mode | 0o011)
+    for path in (shared, temporary):
+        path.mkdir()
+        path.chmod(0o1777)
+    here = (f"PMOPT_CACHE_DIR={shared}", f"TMPDIR={temporary}")
+    first = as_other(other, *here, cwd=tmp_path)
+    assert (first.stdout, first.stderr) == ("[[0.0, 0.0], [2.0, 0.0], [0.0, 3.0]]\n", "")
+    (path,) = shared.rglob("*.o")
+    assert path.stat().st_uid == 12345
+    before = path.stat()
+    env = environment(PMOPT_CACHE_DIR=str(shared), TMPDIR=str(temporary))
+    for _ in range(2):
+        second = subprocess.run([sys.executable, "-c", SCRIPT], env=env, text=True,
+                                capture_output=True)  # fmt: skip
+        assert (second.stdout, second.stderr) == (first.stdout, "")
+    assert path.stat() == before
+    if os.geteuid() == 0:
+        (mine,) = temporary.rglob("*.o")
+        assert (mine.stat().st_uid, mine.parents[1].name) == (0, "pmopt-0")
+
+
+def test_a_user_without_home_and_name(other, tmp_path):
+    """Nothing is written into the working folder; the second time nothing is compiled."""
+    work, temporary = tmp_path / "work", tmp_path / "temporary"
+    for path in (tmp_path, *list(tmp_path.parents)[:2]):
+        path.chmod(path.stat().st_mode | 0o011)
+    for path in (work, temporary):
+        path.mkdir()
+        path.chmod(0o1777)
+    stamps = []
+    for _ in range(2):
+        done = as_other(other, f"TMPDIR={temporary}", cwd=work)
+        assert (done.returncode, done.stderr) == (0, "")
+        (path,) = temporary.rglob("*.o")
+        assert path.parents[1].name == "pmopt-12345"
+        stamps.append(path.stat().st_mtime_ns)
+    assert stamps[0] == stamps[1]
+    assert list(work.iterdir()) == []

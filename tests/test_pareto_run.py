@@ -39,6 +39,7 @@ from killing import kill_and_resume
 import pmopt as package
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InfeasibleError, InputError
+from pmopt.reporting.pareto_run import finished as pareto_finished
 from pmopt.reporting.pareto_run import run_pareto
 from pmopt.synthesis import optimise
 from pmopt.synthesis.checkpoint import Checkpoint
@@ -850,7 +851,27 @@ def test_folder_of_another_command_is_kept(tmp_path):
         assert "finished" in error_line(result)
 
 
-@pytest.mark.parametrize("options", [{"force": True}, {"resume": True}])
+def test_a_run_that_replaces_another_is_taken_up_again(finished, tmp_path):
+    """Until it is finished the earlier one is there, whole."""
+    folder = tmp_path / "run"
+    shutil.copytree(finished[0], folder)
+    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    other = config_of(seed=2, generations=2)
+    with pytest.raises(KeyboardInterrupt):
+        run_pareto(other, folder, force=True, on_measured=interrupt)
+    assert {p: p.read_bytes() for p in before} == before
+    with pytest.raises(InputError, match="a finished and an interrupted run; --resume"):
+        run_pareto(other, folder)
+    assert not pareto_finished(other, folder)
+    run_pareto(other, folder, resume=True)
+    assert manifest_of(folder)["resumes"] == [2]
+    run_pareto(other, tmp_path / "alone")
+    assert read(folder) == read(tmp_path / "alone")
+    assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
+    assert len(list((folder / "checkpoint").glob("generation-*"))) == 2
+
+
+@pytest.mark.parametrize("options", [{"resume": True}])
 def test_a_finished_run_that_is_reopened_is_unfinished(finished, tmp_path, options):
     folder = tmp_path / "run"
     shutil.copytree(finished[0], folder)

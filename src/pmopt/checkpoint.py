@@ -11,6 +11,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
+import os
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,13 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import remove_leftovers, write_atomic
+from pmopt.files import read_json, remove_leftovers, write_atomic
+from pmopt.swap import NEXT
 from pmopt.version import __version__
 
 #: Of run.json and of the numbered files; another one is refused.
 SCHEMA = 4
 FOLDER = "checkpoint"
-_RUN = "run.json"
+RUN = "run.json"
+#: Most bytes of the lines that precede a table, and of a table.
+_HEAD, _TABLE = 1 << 20, 1 << 31
 
 Notify = Callable[[str], None]
 #: Whether a run that was asked for the first value may be continued to the second.
@@ -89,13 +95,13 @@ class CheckpointFolder:
     @staticmethod
     def exists(folder: Path) -> bool:
         """Return whether a run was begun in this folder."""
-        return (folder / FOLDER / _RUN).exists()
+        return (folder / FOLDER / RUN).exists()
 
     @staticmethod
     def configuration(folder: Path) -> dict[str, Any] | None:
         """Return the configuration of the run begun in this folder, None where nothing tells."""
         try:
-            run = json.loads((folder / FOLDER / _RUN).read_text(encoding="utf-8"))
+            run = read_json(_newest(folder) / FOLDER / RUN)
             return dict(run["config"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -103,7 +109,7 @@ class CheckpointFolder:
     @staticmethod
     def count(folder: Path) -> int:
         """Return how many numbered files there are in this folder."""
-        return sum(1 for _ in (folder / FOLDER).glob("*-*.bin"))
+        return sum(1 for _ in (_newest(folder) / FOLDER).glob("*-*.bin"))
 
     def start(self) -> None:
         """Begin a new run, and then forget any earlier one."""
@@ -113,7 +119,7 @@ class CheckpointFolder:
 
     def clear(self) -> None:
         """Forget the run: first what says that there is one."""
-        self._remove([self.folder / _RUN, *self._files()])
+        self._remove([self.folder / RUN, *self._files()])
         with contextlib.suppress(OSError):  # there is none, or something else is in it
             self.folder.rmdir()
 
@@ -133,9 +139,9 @@ class CheckpointFolder:
             When the folder's run had another command, version or configuration; the differences
             are named.
         """
-        path = self.folder / _RUN
+        path = self.folder / RUN
         try:
-            run = json.loads(path.read_text(encoding="utf-8"))
+            run = read_json(path)
             schema, version = run["schema"], run["version"]
             if (schema, version) != (SCHEMA, __version__):
                 raise InputError(
@@ -145,11 +151,13 @@ class CheckpointFolder:
             if run.pop("sha256") != _digest(_canonical(run)):
                 raise ValueError
             command, config, resumes = run["command"], run["config"], run["resumes"]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             raise InputError(f"{path}: is no checkpoint of pmopt; --force starts afresh") from None
         if command != self.command:
             raise InputError(f"{path}: is the checkpoint of a {command} run, not {self.command}")
-        refuse_changes(self.folder.parent, config, self.config, self.grows)
+        place = self.folder.parent
+        place = place.parent if place.name == NEXT else place
+        refuse_changes(place, config, self.config, self.grows)
         self.resumes = resumes
 
     def taken_up(self, number: int) -> None:
@@ -177,16 +185,15 @@ class CheckpointFolder:
         """Return one numbered file, None (and a line) where it is torn or another run's."""
         path = self._path(number)
         try:
-            digest, rest = path.read_bytes().split(b"\n", 1)
-            if digest != _digest(rest).encode():
+            digest, line, raw = _parts(path)
+            if digest != _digest(line + b"\n" + raw).encode():
                 raise ValueError("is torn")
-            line, raw = rest.split(b"\n", 1)
             head = json.loads(line)
             if (head["key"], head["number"]) != (self._key, number):
                 raise ValueError("is of another run")
             table = np.frombuffer(raw, dtype="<f8").reshape(head["shape"]).astype(float)
             return Reached(number, dict(head["facts"]), table)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             if notify:
                 reason = str(error) if type(error) is ValueError else "can not be read"
                 notify(f"{path}: {reason}: not used")
@@ -202,13 +209,40 @@ class CheckpointFolder:
             "resumes": self.resumes,
         }
         document["sha256"] = _digest(_canonical(document))
-        write_atomic(self.folder / _RUN, json.dumps(document, indent=1))
+        write_atomic(self.folder / RUN, json.dumps(document, indent=1))
 
     def _path(self, number: int) -> Path:
         return self.folder / f"{self.unit}-{number:07d}.bin"
 
     def _files(self) -> list[Path]:
         return list(self.folder.glob("*-*.bin"))
+
+
+def _parts(path: Path) -> tuple[bytes, bytes, bytes]:
+    """Return digest, line and table of a numbered file.
+
+    A table is read if it has the size that the line before it says: a file of gigabytes in its
+    place costs nothing, and a pipe is not waited for.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(handle, "rb") as stream:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError("is no file")
+        lines = [stream.readline(_HEAD) for _ in range(2)]
+        shape = json.loads(lines[1])["shape"] if lines[1].endswith(b"\n") else None
+        if not isinstance(shape, list) or not all(isinstance(n, int) and n >= 0 for n in shape):
+            raise ValueError("is torn")
+        size = 8 * math.prod(shape)
+        if size > _TABLE or found.st_size != sum(map(len, lines)) + size:
+            raise ValueError("is torn")
+        return lines[0][:-1], lines[1][:-1], stream.read(size + 1)
+
+
+def _newest(folder: Path) -> Path:
+    """Return where the run is that was begun last: beside the one that it is to replace."""
+    beside = folder / NEXT
+    return beside if CheckpointFolder.exists(beside) else folder
 
 
 def _canonical(document: Any) -> bytes:

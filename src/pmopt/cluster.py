@@ -1,13 +1,13 @@
 """Work shared over the workers of a Dask cluster, results in the order of the work or of arrival.
 
 Dask is the extra ``cluster``, imported when a cluster is asked for. A worker that is lost costs
-what it had at hand: the scheduler gives that to another one.
+what it had at hand: the scheduler gives that to another one. While results are waited for, the
+scheduler is watched (:mod:`pmopt.scheduler`).
 """
 
 from __future__ import annotations
 
 import contextlib
-import logging
 import queue
 import uuid
 from collections import deque
@@ -18,6 +18,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from pmopt.errors import InputError, PmoptError
+from pmopt.scheduler import PATIENCE, Answer, Notify, SchedulerLost, Watch, ask, hush
 from pmopt.version import __version__
 from pmopt.workers import TICK, Tick
 
@@ -25,7 +26,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 #: Seconds to wait for a scheduler, and for the first worker.
-_PATIENCE = 10.0
+_PATIENCE = PATIENCE
 #: Tasks at the scheduler for each thread of the cluster: enough that none waits for the next.
 _AHEAD = 4
 _LEAST_AHEAD = 32
@@ -37,7 +38,9 @@ class Cluster:
     Parameters
     ----------
     address : str
-        Such as ``tcp://host:8786``.
+        Such as ``tcp://host:8786``; for ``tls://`` certificates are those of Dask's configuration.
+    notify : callable, optional
+        Is given a line now and then while there is nothing but waiting.
 
     Raises
     ------
@@ -47,7 +50,7 @@ class Cluster:
         When no scheduler answers there, or it has no workers.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, notify: Notify | None = None) -> None:
         try:
             import distributed
         except ImportError:
@@ -55,25 +58,24 @@ class Cluster:
                 "--scheduler: Dask is not installed; pip install 'pmopt[cluster]' brings it"
             ) from None
         try:
-            distributed.comm.get_address_host_port(address)
+            _, port = distributed.comm.get_address_host_port(address)
+            if not 0 < port < 1 << 16:
+                raise ValueError(f"port {port} is not from 1 to 65535")
         except (ValueError, OSError) as error:
             raise InputError(
                 f"--scheduler: {address!r} is no address like tcp://host:8786: {error}"
             ) from None
-        # Lost workers and closed connections are told in one line of our own, or made good.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        hush()
         self.address = address
+        self._notify: Notify = notify or (lambda text: None)
+        watch = Watch(address, self._notify, _PATIENCE)
+        watch.first_answer(_PATIENCE)
         try:
             self._client: Any = distributed.Client(
                 address, timeout=_PATIENCE, set_as_default=False, name="pmopt"
             )
-        except (OSError, TimeoutError):
-            raise PmoptError(f"--scheduler: no Dask scheduler answers at {address}") from None
-        try:
-            self._client.wait_for_workers(1, timeout=_PATIENCE)
-        except TimeoutError:
-            self.close()
-            raise PmoptError(f"--scheduler: {address} has no workers") from None
+        except Exception:  # it has gone since; Dask has many exceptions for that
+            raise watch.none() from None
 
     #: Processes of this machine: not ours to count.
     local = 0
@@ -86,7 +88,8 @@ class Cluster:
     @property
     def threads(self) -> int:
         """Threads of all workers there are now."""
-        return max(1, sum(map(int, self._client.nthreads().values())))
+        found = ask(self.address, _PATIENCE)
+        return max(1, found.threads) if isinstance(found, Answer) else 1
 
     def completed(
         self, function: Callable[[Item], Result], items: Sequence[Item], tick: Tick
@@ -98,13 +101,17 @@ class Cluster:
             for number, future in enumerate(futures):
                 future.add_done_callback(lambda _, number=number: arrived.put(number))
             for _ in items:
+                watch = Watch(self.address, self._notify)
                 while True:
                     tick()
+                    watch.check()
                     with contextlib.suppress(queue.Empty):
                         number = arrived.get(timeout=TICK)
                         break
                 try:
                     found: Result | PmoptError = self._results([futures[number]])[0]
+                except SchedulerLost:
+                    raise
                 except PmoptError as error:
                     found = error
                 yield number, found
@@ -135,7 +142,8 @@ class Cluster:
 
     def close(self) -> None:
         """Leave the cluster; its workers stay."""
-        self._client.close(timeout=1)
+        with contextlib.suppress(Exception):  # the scheduler may be silent, or have gone
+            self._client.close(timeout=1)
 
     def __enter__(self) -> Cluster:
         return self
@@ -158,8 +166,19 @@ class Cluster:
 
     def _drop(self, futures: list[Any]) -> None:
         """Give tasks up; a client that has left has done so."""
-        if self._client.status == "running":
-            self._client.cancel(futures)
+        # Without a word to the scheduler that would have to be answered.
+        for future in futures:
+            future.release()
+
+    def _wait_for(self, futures: list[Any]) -> None:
+        """Wait until tasks are done, one way or another, and watch the scheduler meanwhile."""
+        from distributed import wait
+
+        watch = Watch(self.address, self._notify)
+        while not all(future.done() for future in futures):
+            with contextlib.suppress(Exception):  # what failed is told where results are taken
+                wait(futures, timeout=TICK)
+            watch.check()
 
     def _results(self, futures: list[Any]) -> list[Any]:
         """Return the results of tasks, or raise the first error as one line."""
@@ -167,6 +186,7 @@ class Cluster:
 
         from distributed import KilledWorker
 
+        self._wait_for(futures)
         try:
             return list(self._client.gather(futures))
         except PmoptError:
@@ -174,16 +194,18 @@ class Cluster:
         except KilledWorker:
             raise PmoptError("the workers that had it died, one after the other") from None
         except CancelledError:
-            raise PmoptError(f"the scheduler at {self.address} has gone") from None
+            raise SchedulerLost(f"the scheduler at {self.address} has gone") from None
         except Exception as error:
             raise PmoptError(
                 f"on the cluster at {self.address}: {type(error).__name__}: {error}"
             ) from error
 
 
-def connect(address: str | None) -> AbstractContextManager[Cluster | None]:
+def connect(
+    address: str | None, notify: Notify | None = None
+) -> AbstractContextManager[Cluster | None]:
     """Return the cluster at an address, or nothing where there is none."""
-    return contextlib.nullcontext() if address is None else Cluster(address)
+    return contextlib.nullcontext() if address is None else Cluster(address, notify)
 
 
 class _Task:

@@ -1,18 +1,27 @@
-"""Files are written whole or not at all."""
+"""Files are written whole or not at all, and read only where they are files of a sensible size."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
-import tempfile
+import secrets
+import stat
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from pmopt.errors import PmoptError
 
 #: Ending of temporary names; what a killed run leaves of them is known by it.
 _TEMPORARY = ".pmopt-tmp"
+#: Bytes of a name before that ending: file systems take 255.
+_LONGEST = 200
+#: Largest file that is read whole, in bytes.
+LARGEST = 1 << 28
+#: Deepest nesting of JSON that is taken for one of our files.
+_DEEPEST = 64
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -24,32 +33,60 @@ def remove_leftovers(folder: Path) -> None:
 def stage(path: Path, data: bytes | str) -> Path:
     """Write a file under a temporary name in the same folder, flush it to disk, return the name.
 
-    Renamed to ``path`` it is in its place.
+    Renamed to ``path`` it is in its place. It has the mode of the file that it will replace, else
+    the one that the umask gives.
 
     Raises
     ------
     PmoptError
         When the folder can not be written or the disk is full; what was there stays as it was.
     """
-    raw = data.encode() if isinstance(data, str) else data
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.name}.", suffix=_TEMPORARY
-        )
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(raw)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)
-        staged, temporary = Path(temporary), None
+        name = os.fsencode(path.name)[:_LONGEST].decode("utf-8", "ignore")
+        temporary = path.with_name(f".{name}.{secrets.token_hex(6)}{_TEMPORARY}")
+        write_new(temporary, data, mode_of(path))
+        staged, temporary = temporary, None
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     finally:
         if temporary is not None:
-            remove_staged([Path(temporary)])
+            remove_staged([temporary])
     return staged
+
+
+def write_new(path: Path, data: bytes | str, mode: int | None = None) -> None:
+    """Write a file that is not there yet and flush it to disk.
+
+    Parameters
+    ----------
+    path : Path
+    data : bytes or str
+    mode : int, optional
+        Permissions; None: those that the umask gives.
+
+    Raises
+    ------
+    OSError
+    """
+    raw = data.encode() if isinstance(data, str) else data
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    with os.fdopen(handle, "wb") as stream:
+        if mode is not None:
+            os.fchmod(handle, mode)
+        stream.write(raw)
+        stream.flush()
+        os.fsync(handle)
+
+
+def mode_of(path: Path) -> int | None:
+    """Return the permissions of a file, None where there is no file (a link is none)."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return None
+    return stat.S_IMODE(found.st_mode) & 0o777 if stat.S_ISREG(found.st_mode) else None
 
 
 def put(staged: Path, path: Path) -> None:
@@ -63,7 +100,7 @@ def put(staged: Path, path: Path) -> None:
         os.replace(staged, path)
     except OSError as error:
         remove_staged([staged])
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
 
 
 def remove_staged(paths: Iterable[Path]) -> None:
@@ -83,7 +120,58 @@ def write_atomic(path: Path, data: bytes | str) -> None:
     put(stage(path, data), path)
 
 
-def _unwritable(path: Path, error: OSError) -> PmoptError:
+def read_file(path: Path, largest: int = LARGEST) -> bytes:
+    """Return the content of a file; a pipe or a device is none, and is never waited for.
+
+    Raises
+    ------
+    OSError
+        Also for what is no regular file, or larger than ``largest`` bytes.
+    """
+    # A pipe without a writer would keep a plain open waiting for good.
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(handle, "rb") as stream:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(f"{path}: is no file")
+        if found.st_size > largest:
+            raise OSError(f"{path}: is larger than {largest} bytes")
+        return stream.read(largest + 1)
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file as pmopt writes them.
+
+    Raises
+    ------
+    OSError
+        See :func:`read_file`.
+    ValueError
+        For what is no JSON, has NaN or infinity in it, or is nested deeper than any file of pmopt.
+    """
+    try:
+        document = json.loads(read_file(path).decode("utf-8"), parse_constant=_refuse)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    level: list[Any] = [document]
+    for _ in range(_DEEPEST):
+        level = [
+            item
+            for value in level
+            if isinstance(value, dict | list)
+            for item in (value.values() if isinstance(value, dict) else value)
+        ]
+        if not level:
+            return document
+    raise ValueError("nested too deeply")
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
+
+
+def unwritable(path: Path, error: OSError) -> PmoptError:
+    """Return the error for a file or folder that cannot be written."""
     return PmoptError(f"{path}: can not write: {error.strerror or error}")
 
 

@@ -97,7 +97,7 @@ def batch_command(
     batch.check(force)
     share = batch_run.shares(len(batch.own), workers, threads, scheduler)
     if dry_run:
-        with share.pool() as pool:
+        with share.pool(notify) as pool:
             plan = batch.plan(pool.threads, force, notify)
         emit(form, plan.to_dict(), [plan.table()])
         return 0
@@ -106,7 +106,7 @@ def batch_command(
         return 0
     folder = "" if out else f" --out {shlex.quote(str(batch.folder))}"
     options.set_resume_hint(f"; continue with: {options.resuming()}{folder}")
-    with share.pool() as pool, _progress(quiet, batch, force) as (on_done, tick):
+    with share.pool(notify) as pool, _progress(quiet, batch, force) as (on_done, tick):
         result = batch.run(
             pool, force=force, threads=share.threads, notify=notify, on_done=on_done, tick=tick
         )

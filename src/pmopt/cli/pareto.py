@@ -71,7 +71,7 @@ def pareto_command(
     again += [] if seed is None else ["--seed", str(seed)]
     options.set_resume_hint(f"; continue with: {shlex.join(again)}")
     with (
-        connect(scheduler) as cluster,
+        connect(scheduler, notify) as cluster,
         _progress(quiet, run_config) as (on_generation, on_measured),
     ):
         run = pareto_run.run_pareto(

@@ -10,6 +10,7 @@ from pmopt.cli import options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError
 from pmopt.files import write_atomic
+from pmopt.folder_lock import FolderLock
 from pmopt.inputs.identify import MANIFEST, describe
 
 
@@ -39,13 +40,14 @@ def plot_command(
         what = describe(run) if run.exists() else "no such folder"
         raise InputError(f"{run}: {what}; the folder of a finished run is needed")
     folder = out or run
-    with drawn_as(picture_format):
+    pictures.manifest_of(run)
+    with drawn_as(picture_format), FolderLock(folder):  # a run that is being written there first
         drawn = {
             str(Path(name).with_suffix(f".{picture_format}")): data
             for name, data in pictures.of_folder(run, threads).items()
         }
-    for name, data in drawn.items():
-        write_atomic(folder / name, data)
+        for name, data in drawn.items():
+            write_atomic(folder / name, data)
     written = [str(folder / name) for name in drawn]
     rows = tuple((path,) for path in written)
     emit(form, {"written": written}, [Table("Written", ("file",), rows, {})])

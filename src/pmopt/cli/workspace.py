@@ -222,7 +222,7 @@ def workspace_command(
             return
         options.set_resume_hint(f"; continue with: {options.resuming()}")
     with (
-        connect(scheduler) as cluster,
+        connect(scheduler, notify) as cluster,
         progress_bar(quiet, f"workspace {mechanism.name}", "points") as progress,
     ):
         result = workspace_run.run_workspace(

@@ -8,6 +8,9 @@ processor: an edit anywhere changes the folder, so that machine code can not go 
 written whole or not at all, so that processes that begin at once on an empty cache do not meet half
 a file, and begin with a hash of their place and content: what is cut short, altered or another
 entry's is compiled anew, never run.
+
+Machine code is taken from files that this user or root owns and that nobody else can write. Where
+the cache has others, or cannot be written, a folder of this user's own is used beside it.
 """
 
 from __future__ import annotations
@@ -19,11 +22,12 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import stat
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -43,6 +47,11 @@ _IDLE = ("NRT_incref", "NRT_decref")
 _SYMBOL = "pmopt_entry"
 #: Bytes of the hash that precedes object code in a file: LLVM ends the process on half a file.
 _DIGEST = 32
+#: Largest file of machine code that is read, in bytes.
+_LARGEST = 1 << 27
+#: Permissions of files and folders of the cache, less those that the umask takes: nobody else may
+#: write what this user will run.
+_FILE_MODE, _FOLDER_MODE = 0o644, 0o755
 #: Settings of numba that leave machine code as it is.
 _HARMLESS = ("NUMBA_NUM_THREADS", "NUMBA_CACHE_DIR")
 _KINDS: dict[str, Any] = {
@@ -78,7 +87,67 @@ def cache_root() -> Path:
         return Path(given)
     from platformdirs import user_cache_path
 
-    return user_cache_path("pmopt", appauthor=False)
+    try:
+        found = user_cache_path("pmopt", appauthor=False)
+    except RuntimeError:  # a user without a home
+        return own_root()
+    return found if found.is_absolute() else own_root()  # older ones leave "~" as it is
+
+
+def own_root() -> Path:
+    """Return a folder for temporary files that is this user's alone, once it is made."""
+    try:
+        folder = tempfile.gettempdir()
+    except OSError:  # there is none that can be written
+        folder = "/tmp"
+    return Path(folder) / f"pmopt-{os.geteuid()}"
+
+
+def _roots() -> Iterator[Path]:
+    """Yield where machine code may be kept: the cache, and a folder of this user's own."""
+    first = cache_root()
+    if first != own_root():
+        yield first
+    own = own_root()
+    with contextlib.suppress(OSError):
+        with contextlib.suppress(FileExistsError):
+            own.mkdir(0o700)
+        found = own.lstat()
+        others = stat.S_IWGRP | stat.S_IWOTH
+        ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
+        if ours and not found.st_mode & others:
+            yield own
+
+
+def _read_trusted(path: Path) -> bytes | None:
+    """Return the content of a file of the cache, empty where there is none.
+
+    None for what cannot be read, or might be another user's: machine code in it is not run.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (FileNotFoundError, NotADirectoryError):
+        return b""
+    except OSError:
+        return None
+    try:
+        with os.fdopen(handle, "rb") as stream:
+            found = os.fstat(handle)
+            ours = found.st_uid in (os.geteuid(), 0)
+            others = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+            if not stat.S_ISREG(found.st_mode) or not ours or others or found.st_size > _LARGEST:
+                return None
+            return stream.read(_LARGEST + 1)
+    except OSError:
+        return None
+
+
+def _is_writable(folder: Path) -> bool:
+    """Return whether a folder, or what it would be made in, can be written by this user."""
+    for path in (folder, *folder.parents):
+        if os.path.lexists(path):
+            return path.is_dir() and os.access(path, os.W_OK | os.X_OK)
+    return False
 
 
 @functools.cache
@@ -109,18 +178,28 @@ def folder_of(text: str, entries: Sequence[Entry]) -> Path:
     return cache_root() / hashlib.sha256("\0".join(parts).encode()).hexdigest()[:20]
 
 
+@functools.cache
+def _umask() -> int:
+    """Return the permissions that this process takes from new files."""
+    found = os.umask(0o077)
+    os.umask(found)
+    return found
+
+
 def write_whole(path: Path, content: bytes) -> bool:
     """Write a file of the cache whole or not at all; return whether it could be written."""
     temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(_FOLDER_MODE, parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         with os.fdopen(handle, "wb") as stream:
+            os.fchmod(handle, _FILE_MODE & ~_umask())
             stream.write(content)
         os.replace(temporary, path)
     except OSError:
         if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
         return False
     return True
 
@@ -164,23 +243,27 @@ class Compiled:
 
     def is_compiled(self, name: str) -> bool:
         """Return whether the machine code of an entry is kept."""
-        return self._object_path(name).exists()
+        return bool(self._kept(self._by_name[name])[0])
 
-    def _object_path(self, name: str) -> Path:
-        return self.folder / f"{name}.o"
+    def _kept(self, entry: Entry) -> tuple[bytes, Path | None]:
+        """Return an entry's object code, empty where none is kept, and the place to keep it."""
+        for root in _roots():
+            path = root / self.folder.name / f"{entry.name}.o"
+            kept = _read_trusted(path)
+            if kept and self._digest(entry, kept[_DIGEST:]) == kept[:_DIGEST]:
+                return kept[_DIGEST:], path
+            # What is damaged is replaced; what is another user's is left alone.
+            if kept is not None and _is_writable(path.parent):
+                return b"", path
+        return b"", None
 
     def _address(self, entry: Entry) -> int:
         """Return the address of an entry's machine code, compiling it where none is kept."""
-        path = self._object_path(entry.name)
-        try:
-            kept = path.read_bytes()
-        except OSError:
-            kept = b""
-        code = kept[_DIGEST:]
-        if self._digest(entry, code) != kept[:_DIGEST]:  # none is kept, or it is not what was
+        code, path = self._kept(entry)
+        if not code:  # none is kept, or it is not what was
             code = self._compile(entry)
-            # A cache that can not be written costs time only.
-            write_whole(path, self._digest(entry, code) + code)
+            if path is not None:  # a cache that cannot be written costs time only
+                write_whole(path, self._digest(entry, code) + code)
         return _load(code)
 
     def _digest(self, entry: Entry, code: bytes) -> bytes:
@@ -199,7 +282,8 @@ class Compiled:
         """Import the text, from a file where one can be written so that it can be read."""
         name = f"pmopt_kernels_{self.folder.name}"
         path = self.folder / "kernels.py"
-        write_whole(path, self.text.encode())
+        if _is_writable(path.parent):
+            write_whole(path, self.text.encode())
         module = ModuleType(name)
         module.__file__ = str(path)
         sys.modules[name] = module

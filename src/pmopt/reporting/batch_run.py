@@ -13,16 +13,17 @@ import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.warmup import warm_up
 from pmopt.checkpoint import differences
 from pmopt.cluster import Cluster
 from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
-from pmopt.files import write_atomic
+from pmopt.files import read_file, read_json, unwritable, write_atomic
+from pmopt.folder_lock import InUseError
 from pmopt.reporting.batch_plan import (
     PlannedRun,
     find_configs,
@@ -31,23 +32,33 @@ from pmopt.reporting.batch_plan import (
     plan_runs,
 )
 from pmopt.reporting.batch_summary import FAILURE, BatchResult, RunSummary, Status, summary_of
-from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
+from pmopt.reporting.run_folder import (
+    PLAN,
+    RUNS,
+    RunFolder,
+    read_manifest,
+)
 from pmopt.reporting.runners import RUNNERS
 from pmopt.reporting.table import Table, to_csv
+from pmopt.swap import NEXT
 from pmopt.threads import default_threads
 from pmopt.workers import LocalWorkers, Pool
 
 if TYPE_CHECKING:
     from pmopt.analysis.dynamics import Mover
 
-PLAN, SUMMARY, LOCK = "batch.json", "summary.csv", "batch.lock"
-#: Folder of the runs' folders.
-RUNS = "runs"
+#: The batch's summary, and the file that tells workers that it is alive.
+SUMMARY, LOCK = "summary.csv", "batch.lock"
 SCHEMA = 1
 #: Runs of each command and mechanism that a dry run measures.
 _PROBED = 2
 #: Least seconds between two looks at whether a run on another machine is still wanted.
 _BEAT = 1.0
+#: Seconds to wait for a folder that another worker still has.
+_HELD = 15.0
+
+#: Bytes of a key, at most.
+_LONGEST_KEY = 1000
 
 #: Called with the number of a run and what has become of it.
 OnDone = Callable[["RunSummary"], None]
@@ -101,9 +112,11 @@ class Share:
     threads: int
     scheduler: str | None
 
-    def pool(self) -> LocalWorkers | Cluster:
+    def pool(self, notify: Notify | None = None) -> LocalWorkers | Cluster:
         """Return what runs the runs, a context."""
-        return LocalWorkers(self.workers) if self.scheduler is None else Cluster(self.scheduler)
+        if self.scheduler is None:
+            return LocalWorkers(self.workers)
+        return Cluster(self.scheduler, notify)
 
 
 def shares(
@@ -167,7 +180,7 @@ def run_batch(
     batch = Batch(plan_runs(find_configs(configs)), out, part)
     batch.check(force)
     share = shares(len(batch.own), workers, threads, scheduler)
-    with share.pool() as pool:
+    with share.pool(notify) as pool:
         return batch.run(pool, force=force, threads=share.threads, notify=notify)
 
 
@@ -204,7 +217,7 @@ class _Unwanted(Exception):
 def run_job(job: Job) -> Outcome:
     """Run one run of a batch: what a worker does. Raises nothing."""
     shared = _key_of(job.lock) == job.key
-    looked = time.monotonic()
+    began = looked = time.monotonic()
 
     def beat() -> None:
         nonlocal looked
@@ -216,8 +229,14 @@ def run_job(job: Job) -> Outcome:
     try:
         runner = RUNNERS[job.command].resolve(job.document, job.source)
         if shared:
-            runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
-            return Outcome()
+            while True:
+                try:
+                    runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
+                    return Outcome()
+                except InUseError:  # by a worker of a batch that was killed, for a moment still
+                    if time.monotonic() - began > _HELD:
+                        raise
+                    time.sleep(_BEAT / 2)
         with tempfile.TemporaryDirectory(prefix="pmopt-") as folder:
             runner.run(Path(folder), force=True, threads=job.threads)
             paths = [p for p in Path(folder).rglob("*") if p.is_file()]
@@ -236,7 +255,7 @@ def run_job(job: Job) -> Outcome:
 
 def _key_of(lock: str) -> str | None:
     try:
-        return Path(lock).read_text(encoding="utf-8")
+        return read_file(Path(lock), _LONGEST_KEY).decode("utf-8", "replace")
     except OSError:
         return None
 
@@ -267,9 +286,15 @@ class Batch:
         """Return the runs of this shard that are not finished, or all."""
         return [r for r in self.own if force or not r.runner.finished(self.run_folder(r))]
 
+    @property
+    def place(self) -> Path:
+        """Where the batch is: in its folder, or beside the one it is to replace there."""
+        beside = self.folder / NEXT
+        return beside if (beside / PLAN).is_file() else self.folder
+
     def run_folder(self, run: PlannedRun) -> Path:
         """Return the folder of a run."""
-        return self.folder / RUNS / run.name
+        return self.place / RUNS / run.name
 
     def check(self, force: bool) -> None:
         """Refuse what can not be run, before anything is.
@@ -288,7 +313,7 @@ class Batch:
             raise InputError(
                 f"--out: {self.folder} holds a finished {manifest['command']} run, not a batch"
             )
-        before = _read_plan(self.folder)
+        before = _read_plan(self.place)
         shard = _shard_text(self.shard)
         if before is not None and before["shard"] != shard and not force:
             raise InputError(
@@ -337,7 +362,8 @@ class Batch:
         manifest = read_manifest(self.folder)
         return (
             manifest is not None
-            and (_read_plan(self.folder) or {}).get("runs") == [r.to_dict() for r in self.runs]
+            and self.place == self.folder  # else one was begun that replaces it
+            and (_read_plan(self.place) or {}).get("runs") == [r.to_dict() for r in self.runs]
             and not self.todo(force=False)
         )
 
@@ -366,52 +392,53 @@ class Batch:
             When the folder can not be written or another process is writing it.
         """
         own = self.own
-        folder = RunFolder(self.folder, force=True)
-        with self._locked() as key:
-            folder.open()
-            write_atomic(self.folder / PLAN, self._plan_text())
-            todo = self.todo(force)
-            if todo:
-                folder.reopen()
-            if todo and pool.local:
-                warm_up(_distinct_users(todo, notify), pool.local)
-            jobs = []
-            for run in todo:
-                path = self.run_folder(run)
-                (path / FAILURE).unlink(missing_ok=True)
-                jobs.append(
-                    Job(
-                        run.runner.command,
-                        _plain(run),
-                        os.path.abspath(run.source),
-                        str(path.absolute()),
-                        force,
-                        threads,
-                        str((self.folder / LOCK).absolute()),
-                        key,
-                    )
-                )
+        with RunFolder(self.folder, force, resume=not force, mark=PLAN) as folder:
+            with self._beacon() as key:
+                folder.open()
+                write_atomic(folder.place / PLAN, self._plan_text())
+                todo = self.todo(force)
+                if todo:
+                    folder.reopen()
+                if todo and pool.local:
+                    warm_up(_distinct_users(todo, notify), pool.local)
+                jobs = [self._job(run, force, threads, key) for run in todo]
 
-            def on_tick() -> None:
-                if tick is not None:
-                    tick([todo[number].name for number in pool.running])
+                def on_tick() -> None:
+                    if tick is not None:
+                        tick([todo[number].name for number in pool.running])
 
-            for number, outcome in pool.completed(run_job, jobs, on_tick):
-                run = todo[number]
-                if isinstance(outcome, PmoptError):
-                    outcome = Outcome("failed", str(outcome))
-                self._keep(run, outcome)
-                if on_done is not None:
-                    on_done(self.summary_of(run))
+                for number, outcome in pool.completed(run_job, jobs, on_tick):
+                    run = todo[number]
+                    if isinstance(outcome, PmoptError):
+                        outcome = Outcome("failed", str(outcome))
+                    self._keep(run, outcome)
+                    if on_done is not None:
+                        on_done(self.summary_of(run))
             result = BatchResult(self.folder, tuple(self.summary_of(run) for run in own))
             folder.write(SUMMARY, to_csv([result.table()]) + "\n")
             document = {"shard": _shard_text(self.shard), "runs": result.to_dict()["runs"]}
             folder.close("batch", document)
         return result
 
+    def _job(self, run: PlannedRun, force: bool, threads: int | None, key: str) -> Job:
+        """Return a run as a worker gets it."""
+        path = self.run_folder(run)
+        (path / FAILURE).unlink(missing_ok=True)
+        return Job(
+            run.runner.command,
+            _plain(run),
+            os.path.abspath(run.source),
+            str(path.absolute()),
+            force and self.place == self.folder,
+            threads,
+            str((self.folder / LOCK).absolute()),
+            key,
+        )
+
     def summary_of(self, run: PlannedRun) -> RunSummary:
         """Return what has become of a run."""
-        return summary_of(run.to_dict(), self.run_folder(run))
+        found = summary_of(run.to_dict(), self.run_folder(run))
+        return replace(found, folder=self.folder / RUNS / run.name)
 
     def plan(self, workers: int, force: bool, notify: Notify) -> BatchPlan:
         """Measure some runs of each command and mechanism and scale them to the batch."""
@@ -441,13 +468,12 @@ class Batch:
                 write_atomic(path / FAILURE, json.dumps(document) + "\n")
             return
         if outcome.files:
-            folder = RunFolder(path, force=True)
-            folder.open()
-            folder.reopen()
-            for name in sorted(outcome.files, key=lambda name: name == MANIFEST):
-                if Path(name).is_absolute() or ".." in Path(name).parts:
-                    raise PmoptError(f"{path}: a worker sent a file of the name {name}")
-                write_atomic(path / name, outcome.files[name])
+            with RunFolder(path, force=True) as folder:
+                for name, data in outcome.files.items():
+                    if Path(name).is_absolute() or ".." in Path(name).parts:
+                        raise PmoptError(f"{path}: a worker sent a file of the name {name}")
+                    folder.write(name, data)
+                folder.close_with_manifest()
 
     def _plan_text(self) -> str:
         document = {
@@ -458,50 +484,22 @@ class Batch:
         return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
     @contextlib.contextmanager
-    def _locked(self) -> Iterator[str]:
-        """Keep others from the folder, and give the key that tells workers they are wanted."""
+    def _beacon(self) -> Iterator[str]:
+        """Give the key that tells workers they are wanted, as long as its file has it."""
         path, key = self.folder / LOCK, uuid.uuid4().hex
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
             # A link there would lead out of the folder.
-            flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-            stream = os.fdopen(os.open(path, flags, 0o644), "r+", encoding="utf-8")
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK
+            with os.fdopen(os.open(path, flags, 0o666), "w", encoding="utf-8") as stream:
+                stream.write(key)
+                stream.flush()
+                os.fsync(stream.fileno())
         except OSError as error:
-            raise PmoptError(f"{self.folder}: can not write: {error.strerror or error}") from error
-        with stream:
-            try:
-                _lock(stream)
-                if path.stat().st_ino != os.fstat(stream.fileno()).st_ino:
-                    raise BlockingIOError  # the other one has just ended
-            except (BlockingIOError, FileNotFoundError):
-                raise PmoptError(f"{self.folder}: another pmopt batch is writing it") from None
-            stream.truncate(0)
-            stream.write(key)
-            stream.flush()
-            os.fsync(stream.fileno())
-            try:
-                yield key
-            finally:
-                path.unlink(missing_ok=True)
-
-
-def _lock(stream: TextIO) -> None:
-    """Lock a file, for as long as this process has it open, where the system can.
-
-    Raises
-    ------
-    BlockingIOError
-        When another process has it.
-    """
-    with contextlib.suppress(ImportError):
-        import fcntl
-
+            raise unwritable(self.folder, error) from error
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise
-        except OSError:  # a file system without locks
-            pass
+            yield key
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def _plain(run: PlannedRun) -> dict[str, Any]:
@@ -526,7 +524,7 @@ def _shard_text(shard: tuple[int, int] | None) -> str | None:
 def _read_plan(folder: Path) -> dict[str, Any] | None:
     """Return what a batch's folder is to hold, None where there is no batch."""
     try:
-        document = json.loads((folder / PLAN).read_text(encoding="utf-8"))
+        document = read_json(folder / PLAN)
         if document["schema"] != SCHEMA or not isinstance(document["runs"], list):
             return None
         return {"shard": document["shard"], "runs": document["runs"]}
@@ -565,12 +563,11 @@ def merge(folders: Sequence[Path], out: Path, force: bool = False) -> BatchResul
         done = [part for part in parts if part.status == "finished"] + parts
         runs.append(done[0] if done else summary_of(planned, out / RUNS / planned["name"]))
     result = BatchResult(out, tuple(runs))
-    folder = RunFolder(out, force)
-    folder.open()
-    folder.write(SUMMARY, to_csv([result.table()]) + "\n")
-    folder.close(
-        "batch", {"merged": [str(path) for path in folders], "runs": result.to_dict()["runs"]}
-    )
+    with RunFolder(out, force) as folder:
+        folder.write(SUMMARY, to_csv([result.table()]) + "\n")
+        folder.close(
+            "batch", {"merged": [str(path) for path in folders], "runs": result.to_dict()["runs"]}
+        )
     return result
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import json
+import csv
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from pmopt.files import read_json
 from pmopt.reporting.run_folder import read_manifest
 from pmopt.reporting.runners import ERRORS, RUNNERS, Results
 from pmopt.reporting.table import Cell, Table
@@ -214,11 +215,11 @@ def summary_of(planned: Mapping[str, Any], folder: Path) -> RunSummary:
         try:
             results = RUNNERS[planned["command"]].results(folder, manifest)
             status, wall_time = "finished", float(manifest["wall_time"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
             status, message = "failed", f"{folder}: files of a finished run are damaged ({error!r})"
     else:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            failure = json.loads((folder / FAILURE).read_text(encoding="utf-8"))
+            failure = read_json(folder / FAILURE)
             status, message = failure["status"], str(failure["message"])
     return RunSummary(
         planned["name"], planned["command"], planned["mechanism"], planned["source"],

@@ -7,6 +7,7 @@ no setting is left changed, and the reader's own matplotlibrc has no say.
 from __future__ import annotations
 
 import io
+import logging
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -68,9 +69,15 @@ _SETTINGS = RLock()
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """Give a figure that is styled alike whatever the reader's own settings are."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    log = logging.getLogger("matplotlib")
+    level = log.level
+    log.setLevel(logging.ERROR)  # a user without a home, or with odd settings, is no news
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    finally:
+        log.setLevel(level)
 
     with _SETTINGS, matplotlib.rc_context():
         matplotlib.rcdefaults()

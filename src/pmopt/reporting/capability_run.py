@@ -39,7 +39,7 @@ from pmopt.reporting.canvas import (
     with_unit,
 )
 from pmopt.reporting.fields import Section, section_fields
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
 from pmopt.units import exact
 
@@ -133,7 +133,14 @@ def run_capability(
     InfeasibleError
         When nothing is reachable, with what rules it out.
     """
-    folder = RunFolder(out, force) if out is not None else None
+    with claimed(out, force) as folder:
+        return _run(asked, folder, threads, notify)
+
+
+def _run(
+    asked: CapabilityTask, folder: RunFolder | None, threads: int | None,
+    notify: Callable[[str], None] | None,
+) -> Capability:  # fmt: skip
     result = compute(asked, threads, notify)
     require_reachable(
         result.reachable, asked.mechanism, asked.parameters, asked.settings, "capability",

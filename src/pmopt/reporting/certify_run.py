@@ -16,7 +16,7 @@ from pmopt.analysis.certify import (
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Notify
 from pmopt.mechanisms.base import Mechanism, Parameters
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.units import span_text
 
@@ -34,15 +34,15 @@ def run_volume(
     progress: Progress | None = None,
 ) -> CertifiedVolume:
     """Enclose a workspace's volume and, with ``out``, write the run's folder."""
-    folder = RunFolder(out, force) if out is not None else None
-    result = certify_volume(
-        mechanism, parameters, settings, gap=gap, time_budget=time_budget, progress=progress,
-        notify=notify,
-    )  # fmt: skip
-    if folder is not None:
-        config = {"certify": gap, "time_budget": time_budget}
-        _write(folder, result.to_dict(), volume_tables(result), settings, config)
-    return result
+    with claimed(out, force) as folder:
+        result = certify_volume(
+            mechanism, parameters, settings, gap=gap, time_budget=time_budget, progress=progress,
+            notify=notify,
+        )  # fmt: skip
+        if folder is not None:
+            config = {"certify": gap, "time_budget": time_budget}
+            _write(folder, result.to_dict(), volume_tables(result), settings, config)
+        return result
 
 
 def run_claim(
@@ -56,12 +56,14 @@ def run_claim(
     notify: Notify | None = None,
 ) -> Claim:
     """Decide a claim and, with ``out``, write the run's folder."""
-    folder = RunFolder(out, force) if out is not None else None
-    result = certify_claim(mechanism, parameters, settings, time_budget=time_budget, notify=notify)
-    if folder is not None:
-        _write(folder, result.to_dict(), claim_tables(result), settings,
-               {"time_budget": time_budget})  # fmt: skip
-    return result
+    with claimed(out, force) as folder:
+        result = certify_claim(
+            mechanism, parameters, settings, time_budget=time_budget, notify=notify
+        )
+        if folder is not None:
+            _write(folder, result.to_dict(), claim_tables(result), settings,
+                   {"time_budget": time_budget})  # fmt: skip
+        return result
 
 
 def _write(

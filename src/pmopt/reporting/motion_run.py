@@ -15,7 +15,7 @@ from pmopt.analysis.motion_config import MotionTask
 from pmopt.analysis.motion_summary import Demand, broken_limits, columns, demands
 from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import ONE, effort_unit, per_second
 
@@ -144,7 +144,13 @@ def run_motion(
     InputError
         When the folder holds a run, or for a trajectory that can not be made.
     """
-    folder = RunFolder(out, force) if out is not None else None
+    with claimed(out, force) as folder:
+        return _run(task, folder, threads, notify)
+
+
+def _run(
+    task: MotionTask, folder: RunFolder | None, threads: int | None, notify: Notify | None
+) -> MotionRun:
     planned = plan_trajectory(task)
     motion = compute_motion(
         task.mechanism,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pmopt.analysis.sweeper import Notify
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting import pictures, run_folder
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.tasks import Plan
 from pmopt.synthesis.checkpoint import Checkpoint, plain
 from pmopt.synthesis.config import RunConfig
@@ -93,19 +93,23 @@ def run_pareto(
     InfeasibleError
         When no design is feasible.
     """
-    begun = out is not None and Checkpoint.exists(out)
-    folder = None
-    if out is not None:
-        folder = RunFolder(out, force or (resume and begun), interrupted=begun)
+    with claimed(out, force, resume) as folder:
+        return _run(config, folder, threads, notify, on_generation, on_measured, cluster)
+
+
+def _run(
+    config: RunConfig, folder: RunFolder | None, threads: int | None, notify: Notify | None,
+    on_generation: OnGeneration | None, on_measured: OnMeasured | None, cluster: Cluster | None,
+) -> ParetoRun:  # fmt: skip
     problem = DesignProblem(config, threads, notify, cluster)
     checkpoint, recorded = None, []
     if folder is not None:
-        checkpoint = Checkpoint(folder.path, problem)
-        if resume and begun:
+        checkpoint = Checkpoint(folder.place, problem)
+        if folder.begun:
             recorded = checkpoint.resume(notify)
-        else:
-            checkpoint.start()
         folder.open()
+        if not folder.begun:
+            checkpoint.start()
         folder.reopen()
     optimisation = Optimisation(problem)
     generations = []
@@ -151,7 +155,9 @@ def run_pareto(
     if problem.failures and notify:
         reasons = "; ".join(f"{why} ({n})" for why, n in problem.failures.items())
         notify(f"{sum(problem.failures.values())} designs could not be evaluated: {reasons}")
-    return ParetoRun(out, front, tables, config.final.target_error, problem.failures)
+    return ParetoRun(
+        folder.path if folder else None, front, tables, config.final.target_error, problem.failures
+    )
 
 
 def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
@@ -191,7 +197,7 @@ def finished(config: RunConfig, out: Path) -> bool:
     InputError
         When it holds a finished run of another kind.
     """
-    manifest = run_folder.read_manifest(out)
+    manifest = run_folder.manifest_to_keep(out)
     if manifest is None:
         return False
     if manifest["command"] != "pareto":

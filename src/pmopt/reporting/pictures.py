@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import os
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.workspace import WorkspaceResult, compute_workspace
 from pmopt.errors import InputError
+from pmopt.files import LARGEST, read_file
 from pmopt.reporting import plots
 from pmopt.reporting.drawing import draw_mechanism
 from pmopt.reporting.fields import Section, position_field, section_fields, surface_field
-from pmopt.reporting.run_folder import read_manifest
+from pmopt.reporting.run_folder import MANIFEST, read_manifest
 from pmopt.reporting.tasks import WorkspaceTask
 
 if TYPE_CHECKING:
@@ -126,12 +130,33 @@ def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
     InputError
         When the folder holds no finished run, or its files are not what the manifest says.
     """
+    manifest = manifest_of(folder)
+    drawn = _drawn(folder, manifest, threads)
+    if manifest_of(folder) != manifest:
+        raise InputError(f"{folder}: another command has written it meanwhile")
+    return drawn
+
+
+def manifest_of(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a finished run that has pictures.
+
+    Raises
+    ------
+    InputError
+    """
     manifest = read_manifest(folder)
     if manifest is None:
-        raise InputError(f"{folder}: holds no finished run (no manifest.json)")
+        damaged = os.path.lexists(folder / MANIFEST)
+        why = f"{MANIFEST} is damaged" if damaged else f"no {MANIFEST}"
+        raise InputError(f"{folder}: holds no finished run ({why})")
     if manifest["command"] == "certify":
         raise InputError(f"{folder}: a run of proofs has no pictures")
+    return manifest
+
+
+def _drawn(folder: Path, manifest: dict[str, Any], threads: int | None) -> dict[str, bytes]:
     try:
+        _check_outputs(folder, manifest)
         if manifest["command"] == "workspace":
             task = WorkspaceTask.from_dict(manifest["config"], str(folder))
             result = compute_workspace(
@@ -162,7 +187,25 @@ def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:
             return draw_run(run_simulation(moved, threads=threads))
         import pandas as pd
 
-        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("front", "history")}
+        if manifest["command"] != "pareto":
+            raise InputError(f"{folder}: a {manifest['command']} run has no pictures")
+        tables = {
+            name: pd.read_csv(io.BytesIO(read_file(folder / f"{name}.csv")))
+            for name in ("front", "history")
+        }
         return of_pareto(tables, manifest["units"], manifest)
-    except (OSError, KeyError, ValueError, IndexError, TypeError) as error:
+    except (OSError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{folder}: the run's files are damaged: {error}") from None
+
+
+def _check_outputs(folder: Path, manifest: dict[str, Any]) -> None:
+    """Refuse a run with a pipe, a folder or gigabytes in the place of one of its files.
+
+    Raises
+    ------
+    OSError, ValueError
+    """
+    for name in dict(manifest["outputs"]):
+        found = (folder / name).stat()
+        if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST:
+            raise ValueError(f"{name} is none of its files")

@@ -6,6 +6,7 @@ A command joins by a subclass of :class:`Runner` in :data:`RUNNERS`.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import time
@@ -26,10 +27,10 @@ from pmopt.analysis.validation import validated
 from pmopt.analysis.workspace import check_read
 from pmopt.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.errors import InfeasibleError, InputError, unknown_name
-from pmopt.files import sha256
+from pmopt.files import read_file, read_json, sha256
 from pmopt.mechanisms import find
 from pmopt.reporting import workspace_checkpoint
-from pmopt.reporting.run_folder import read_manifest
+from pmopt.reporting.run_folder import manifest_to_keep
 from pmopt.reporting.table import shown, with_error
 from pmopt.reporting.tasks import Plan, WorkspaceTask
 from pmopt.synthesis.checkpoint import GROWS, plain
@@ -67,6 +68,11 @@ class Results(NamedTuple):
         text = shown(value) if beside is None else " ± ".join(with_error(value, beside))
         text += "" if bound is None else " (bound)"
         return f"{text} {self.unit(name)}" if unit and self.unit(name) != ONE else text
+
+
+def _rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file of a run."""
+    return list(csv.DictReader(io.StringIO(read_file(path).decode("utf-8"), newline="")))
 
 
 class Runner(ABC):
@@ -157,12 +163,18 @@ class Runner(ABC):
 
     def changes(self, folder: Path) -> list[str]:
         """Return what keeps this run from going on in a folder, as ``key: old -> new``."""
-        manifest = read_manifest(folder)
+        manifest = manifest_to_keep(folder)
         found = CheckpointFolder.configuration(folder)
-        before = self.recorded(manifest) if manifest else found
+        before = self._recorded(folder, manifest) if manifest else found
         if before is None:
             return []
         return changes(self.complete(before), self.complete(self.identity()), self.grows)
+
+    def _recorded(self, folder: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
+        try:
+            return self.recorded(manifest)
+        except (LookupError, TypeError, AttributeError):
+            raise InputError(f"{folder}: its manifest.json is damaged") from None
 
     def done(self, folder: Path) -> float | None:
         """Return the share of a running run that is done, None where nothing tells."""
@@ -170,10 +182,11 @@ class Runner(ABC):
 
     def finished(self, folder: Path) -> bool:
         """Return whether a folder holds this very run, finished."""
-        manifest = read_manifest(folder)
+        manifest = manifest_to_keep(folder)
         if manifest is None or manifest["command"] != self.command:
             return False
-        return self.complete(self.recorded(manifest)) == self.complete(self.identity())
+        before = self._recorded(folder, manifest)
+        return self.complete(before) == self.complete(self.identity())
 
 
 @dataclass(frozen=True)
@@ -230,8 +243,7 @@ class ParetoRunner(Runner):
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return the front's size and hypervolume, the best of each objective and the knee."""
         found, names = manifest["result"], manifest["config"]["objectives"]
-        with (folder / "front.csv").open(encoding="utf-8", newline="") as stream:
-            front = list(csv.DictReader(stream))
+        front = _rows_of(folder / "front.csv")
         values: dict[str, float | int | None] = {
             "designs": found["designs"],
             "hypervolume": found["hypervolume"],
@@ -338,7 +350,7 @@ class WorkspaceRunner(Runner):
     @classmethod
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return volume, GCI and their errors."""
-        found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        found = read_json(folder / "result.json")
         bounded = "error_bound" in found["volume"]
         suffix, kind = ("_bound", "error_bound") if bounded else ("", "standard_error")
         values = {
@@ -422,8 +434,7 @@ class MotionRunner(Runner):
     @classmethod
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:
         """Return the peaks of effort and power of each joint; without masses, of its rate."""
-        with (folder / "summary.csv").open(encoding="utf-8", newline="") as stream:
-            found = list(csv.DictReader(stream))
+        found = _rows_of(folder / "summary.csv")
         rows = [row for row in found if row["quantity"] in ("effort", "power")] or [
             row for row in found if row["quantity"] == "rate"
         ]

@@ -22,7 +22,7 @@ from pmopt.analysis.simulation import (
 from pmopt.analysis.workspace import number
 from pmopt.errors import InputError
 from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import effort_unit
 
@@ -189,7 +189,14 @@ def run_simulation(
     PmoptError
         When the engine is missing.
     """
-    folder = RunFolder(out, force) if out is not None else None
+    with claimed(out, force) as folder:
+        return _run(task, folder, threads, notify, progress)
+
+
+def _run(
+    task: MotionTask, folder: RunFolder | None, threads: int | None, notify: Notify | None,
+    progress: Progress | None,
+) -> SimulationRun:  # fmt: skip
     require_mujoco()  # before anything that takes long
     motion = _feasible(task, threads, notify)
     fine = None

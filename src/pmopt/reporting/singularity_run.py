@@ -9,7 +9,7 @@ from pmopt.analysis.crossings import PathResult
 from pmopt.analysis.measures import KINDS
 from pmopt.analysis.singularities import Nearness, SingularityResult, find_singularities
 from pmopt.analysis.sweeper import Notify
-from pmopt.reporting.run_folder import RunFolder
+from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
 from pmopt.reporting.tasks import WorkspaceTask
 from pmopt.units import ONE
@@ -29,7 +29,13 @@ def run_singularities(
     ------
     InputError, InfeasibleError
     """
-    folder = RunFolder(out, force) if out is not None else None
+    with claimed(out, force) as folder:
+        return _run(task, folder, threads, notify)
+
+
+def _run(
+    task: WorkspaceTask, folder: RunFolder | None, threads: int | None, notify: Notify | None
+) -> SingularityResult:
     result = find_singularities(
         task.mechanism,
         task.parameters,

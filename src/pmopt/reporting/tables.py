@@ -277,7 +277,9 @@ def workspace_tables(result: WorkspaceResult) -> list[Table]:
     for name, e, u in entries:
         value, error = (None if math.isnan(v) else v for v in e)
         own = result.projection is None or e is result.volume or name not in _IN_SPACE
-        texts = (bounded_text(*extremes[name]), None) if name in extremes else with_error(*e)
+        texts: tuple[str, str | None] = (
+            (bounded_text(*extremes[name]), None) if name in extremes else with_error(*e)
+        )
         if name == "projected volume" and result.projection and result.projection.lower:
             texts = (f">= {texts[0]}", texts[1])
         add(name, value, texts, error, u, own)

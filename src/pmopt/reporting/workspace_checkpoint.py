@@ -44,7 +44,7 @@ class WorkspaceCheckpoint(CheckpointFolder):
     """
 
     def __init__(self, folder: RunFolder, task: WorkspaceTask) -> None:
-        super().__init__(folder.path, "workspace", "chunk", resolved(task), GROWS)
+        super().__init__(folder.place, "workspace", "chunk", resolved(task), GROWS)
         self._run = folder
         self._started = False
         self._waiting: Sums | None = None
@@ -65,8 +65,8 @@ class WorkspaceCheckpoint(CheckpointFolder):
             if reached is not None:
                 found = Sums.from_plain(number, reached.facts, reached.table)
                 break
-        self.taken_up(found.chunks)
         self._run.open()
+        self.taken_up(found.chunks)
         self._run.reopen()
         self._started = True
         return found
@@ -83,8 +83,8 @@ class WorkspaceCheckpoint(CheckpointFolder):
         if sums is None:
             return
         if not self._started:
-            self.start()
             self._run.open()
+            self.start()
             self._run.reopen()
             self._started = True
         self.write(sums.chunks, *sums.to_plain())

@@ -17,7 +17,7 @@ from pmopt.analysis.workspace import (
 )
 from pmopt.checkpoint import refuse_changes
 from pmopt.errors import InputError, PmoptError
-from pmopt.reporting.run_folder import MANIFEST, RunFolder, read_manifest
+from pmopt.reporting.run_folder import MANIFEST, RunFolder, claimed, manifest_to_keep
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.reporting.tasks import Plan, WorkspaceTask
 from pmopt.reporting.workspace_checkpoint import GROWS, WorkspaceCheckpoint, resolved
@@ -93,61 +93,66 @@ def run_workspace(
     InfeasibleError
         When nothing is reachable, with what rules it out; nothing is left in the folder.
     """
-    folder = checkpoint = begun = None
-    if out is not None:
-        interrupted = WorkspaceCheckpoint.exists(out)
-        ended = resume and _continues(task, out)
-        folder = RunFolder(out, force or (resume and interrupted) or ended, interrupted)
-        checkpoint = WorkspaceCheckpoint(folder, task)
-        if resume and interrupted:
+    continues = resume and out is not None and _continues(task, out)
+    with claimed(out, force, resume, continues) as folder:
+        checkpoint = None if folder is None else WorkspaceCheckpoint(folder, task)
+        begun = None
+        if checkpoint is not None and folder is not None and folder.begun:
             begun = checkpoint.resume(notify)
-    try:
-        result = compute_workspace(
-            task.mechanism,
-            task.parameters,
-            task.settings,
-            seed=task.seed,
-            threads=threads,
-            shape_grid=task.shape_grid,
-            progress=progress,
-            notify=notify,
-            begun=begun,
-            keep=checkpoint.keep if checkpoint else None,
-            cluster=cluster,
-        )
-    except BaseException:  # Ctrl-C above all
-        if checkpoint is not None:
-            with contextlib.suppress(PmoptError):
-                checkpoint.flush()
-        raise
-    if checkpoint is not None and result.reachable == 0:
-        checkpoint.clear()
-    require_reachable(
-        result.reachable, task.mechanism, task.parameters, task.settings, "workspace",
-        result.samples,
-    )  # fmt: skip
-    if folder is not None and checkpoint is not None:
-        from pmopt.reporting import pictures  # what draws takes as long to import as a short run
-
-        drawn = pictures.of_workspace(task, result, threads)
-        folder.open()
-        folder.write("result.json", to_json(result.to_dict()) + "\n")
-        folder.write("lci_histogram.csv", to_csv([histogram_table(result)]) + "\n")
-        folder.write("regions.csv", to_csv([regions_table(result)]) + "\n")
-        for name, data in drawn.items():
-            folder.write(name, data)
-        checkpoint.finish()
-        folder.close(
-            "workspace",
-            {
-                "mechanism": task.mechanism.name,
-                "config": task.to_dict(),
-                "seed": task.seed,
-                "resumes": checkpoint.resumes,
-                "units": result.units,
-            },
-        )
+        try:
+            result = compute_workspace(
+                task.mechanism,
+                task.parameters,
+                task.settings,
+                seed=task.seed,
+                threads=threads,
+                shape_grid=task.shape_grid,
+                progress=progress,
+                notify=notify,
+                begun=begun,
+                keep=checkpoint.keep if checkpoint else None,
+                cluster=cluster,
+            )
+        except BaseException:  # Ctrl-C above all
+            if checkpoint is not None:
+                with contextlib.suppress(PmoptError):
+                    checkpoint.flush()
+            raise
+        if checkpoint is not None and result.reachable == 0:
+            checkpoint.clear()
+        require_reachable(
+            result.reachable, task.mechanism, task.parameters, task.settings, "workspace",
+            result.samples,
+        )  # fmt: skip
+        if folder is not None and checkpoint is not None:
+            _write(task, result, folder, checkpoint, threads)
     return result
+
+
+def _write(
+    task: WorkspaceTask, result: WorkspaceResult, folder: RunFolder,
+    checkpoint: WorkspaceCheckpoint, threads: int | None,
+) -> None:  # fmt: skip
+    from pmopt.reporting import pictures  # what draws takes as long to import as a short run
+
+    drawn = pictures.of_workspace(task, result, threads)
+    folder.open()
+    folder.write("result.json", to_json(result.to_dict()) + "\n")
+    folder.write("lci_histogram.csv", to_csv([histogram_table(result)]) + "\n")
+    folder.write("regions.csv", to_csv([regions_table(result)]) + "\n")
+    for name, data in drawn.items():
+        folder.write(name, data)
+    checkpoint.finish()
+    folder.close(
+        "workspace",
+        {
+            "mechanism": task.mechanism.name,
+            "config": task.to_dict(),
+            "seed": task.seed,
+            "resumes": checkpoint.resumes,
+            "units": result.units,
+        },
+    )
 
 
 def finished(task: WorkspaceTask, out: Path) -> bool:
@@ -171,7 +176,7 @@ def _continues(task: WorkspaceTask, out: Path) -> bool:
 
 
 def _earlier(out: Path) -> WorkspaceTask | None:
-    manifest = read_manifest(out)
+    manifest = manifest_to_keep(out)
     if manifest is None:
         return None
     if manifest["command"] != "workspace":

@@ -91,3 +91,9 @@ def with_error(value: float, error: float) -> tuple[str, str]:
         return f"{value:.{min(digits, 15)}e}", f"{error:.1e}"
     digits = min(12, max(0, 1 - math.floor(math.log10(error))))
     return f"{value:.{digits}f}", f"{error:.2g}"
+
+
+def uncertain(value: float, error: float, unit: str = ONE) -> str:
+    """Return a value with its error and unit as one text, e.g. ``12.345 ± 0.012 m^3``."""
+    text = "-" if math.isnan(value) else " ± ".join(with_error(value, error))
+    return text if unit == ONE else f"{text} {unit}"

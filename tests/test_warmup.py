@@ -41,6 +41,7 @@ def test_a_cache_that_can_not_be_written_is_no_error(nothing_kept, monkeypatch):
     blocked = nothing_kept / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))
+    monkeypatch.setattr(compiled, "own_root", lambda: blocked / "own")
     cells_only = cells.kernels()
     compiled.compile_ahead([(cells_only, "chain")], 2)
     assert not cells_only.is_compiled("chain")

@@ -9,7 +9,11 @@ from __future__ import annotations
 import io
 import logging
 import math
+import os
+import sys
+import tempfile
 import textwrap
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -29,6 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DPI = 150
+#: Matplotlib's own font, by its file.
+_FONT = "DejaVuSans*"
 FORMS = ("png", "svg", "pdf")
 #: What each form would say of time and program.
 _METADATA = {"png": ("Software",), "svg": ("Date",), "pdf": ("Creator", "Producer", "CreationDate")}
@@ -69,22 +75,76 @@ _SETTINGS = RLock()
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """Give a figure that is styled alike whatever the reader's own settings are."""
-    log = logging.getLogger("matplotlib")
-    level = log.level
-    log.setLevel(logging.ERROR)  # a user without a home, or with odd settings, is no news
-    try:
-        import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    finally:
-        log.setLevel(level)
+    with _SETTINGS:
+        _import_matplotlib()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    with _SETTINGS, matplotlib.rc_context():
+    with _SETTINGS, _silence(), matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
         figure = Figure((width, height), dpi=_DPI, facecolor="white")
         FigureCanvasAgg(figure)
         yield figure
+
+
+def _import_matplotlib() -> None:
+    """Import matplotlib, also where settings made for other programs keep it from that."""
+    with _silence():
+        try:
+            import matplotlib  # noqa: F401
+        except ModuleNotFoundError:
+            raise
+        except Exception:
+            for name in [n for n in sys.modules if n.partition(".")[0] == "matplotlib"]:
+                del sys.modules[name]  # half imported
+            with _without_settings():
+                import matplotlib  # noqa: F401
+        # What draws looks for fonts when it is imported, and speaks of it.
+        from matplotlib import font_manager, get_data_path
+        from matplotlib.backends import backend_agg  # noqa: F401
+    fonts = Path(get_data_path(), "fonts", "ttf")
+    known = {Path(font.fname) for font in font_manager.fontManager.ttflist}
+    for path in fonts.glob(f"{_FONT}.ttf"):  # a list left from elsewhere may lack even its own
+        if path not in known:
+            font_manager.fontManager.addfont(path)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep matplotlib's news of the machine to itself: no home, odd settings, fonts it lacks."""
+    log = logging.getLogger("matplotlib")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(level)
+
+
+@contextmanager
+def _without_settings() -> Iterator[None]:
+    """Hide the reader's settings: variables of the environment and ``matplotlibrc`` files.
+
+    One in the working folder is read before all others, so another folder is worked in meanwhile.
+    """
+    names = ("MPLBACKEND", "MATPLOTLIBRC", "MPLCONFIGDIR")
+    kept = {name: os.environ.pop(name) for name in names if name in os.environ}
+    here = os.open(".", os.O_RDONLY)
+    try:
+        with tempfile.TemporaryDirectory() as empty:
+            os.environ["MPLCONFIGDIR"] = empty
+            os.chdir(empty)
+            yield
+            os.fchdir(here)
+    finally:
+        os.fchdir(here)
+        os.close(here)
+        del os.environ["MPLCONFIGDIR"]
+        os.environ.update(kept)
 
 
 def to_picture(figure: Figure) -> bytes:

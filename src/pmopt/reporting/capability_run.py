@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -39,6 +40,7 @@ from pmopt.reporting.canvas import (
     with_unit,
 )
 from pmopt.reporting.fields import Section, section_fields
+from pmopt.reporting.gallery import Gallery, write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
 from pmopt.units import exact
@@ -148,12 +150,10 @@ def _run(
     )  # fmt: skip
     if folder is None:
         return result
-    drawn = draw_capability(asked, result, threads)
     folder.open()
     folder.write("result.json", to_json(result.to_dict()) + "\n")
     folder.write("demands.csv", to_csv(capability_tables(result)) + "\n")
-    for name, data in drawn.items():
-        folder.write(name, data)
+    missing = write_pictures(folder, lambda: draw_capability(asked, result, threads), notify)
     folder.close(
         "capability",
         {
@@ -162,6 +162,7 @@ def _run(
             "seed": asked.seed,
             "resumes": [],
             "units": result.units,
+            **missing,
         },
     )
     return result
@@ -235,10 +236,13 @@ def draw_capability(
 
     sweeper = Sweeper(asked.mechanism, asked.settings, asked.seed, threads)
     sections = section_fields(sweeper, sweeper.design(asked.parameters), _RESOLUTION, used)
-    return {
-        f"capability{f'_{k // 3 + 1}' if k else ''}.png": _draw(sections[k : k + 3], result, given)
-        for k in range(0, len(sections), 3)
-    }
+    gallery = Gallery()
+    for k in range(0, len(sections), 3):
+        gallery.add(
+            f"capability{f'_{k // 3 + 1}' if k else ''}.png",
+            functools.partial(_draw, sections[k : k + 3], result, given),
+        )
+    return gallery
 
 
 def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str, float]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.analysis.motion_summary import columns
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting.canvas import label, new_figure, parameter_text, to_picture
+from pmopt.reporting.gallery import Gallery
 from pmopt.units import per_second
 
 #: Told apart without colour too, by the dashes.
@@ -58,7 +60,7 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
         "efforts": ("efforts of the actuators", [f"{n}_effort" for n in joints]),
         "power": ("power of the actuators", [f"{n}_power" for n in joints]),
     }  # fmt: skip
-    drawn = {}
+    gallery = Gallery()
     for file, (title, names) in groups.items():
         known = [name for name in names if name in series]
         units = dict.fromkeys(series[name].unit for name in known)
@@ -68,12 +70,18 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
             for unit in units
         ]  # fmt: skip
         if panels:
-            drawn[f"{file}.png"] = _draw(motion, mechanism, title, [[p] for p in panels])
+            rows = [[panel] for panel in panels]
+            gallery.add(
+                f"{file}.png", functools.partial(_draw, motion, mechanism, title, rows)
+            )
     if motion.centres:
-        drawn["centres.png"] = _draw(
-            motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
+        gallery.add(
+            "centres.png",
+            lambda: _draw(
+                motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
+            ),
         )
-    return drawn
+    return gallery
 
 
 def _short(name: str) -> str:

@@ -10,9 +10,11 @@ import sys
 #: Name of the error handler.
 HANDLER = "pmopt"
 _PLAIN = str.maketrans(
-    {"±": "+-", "≤": "<=", "≥": ">=", "·": "*", "×": "x", "−": "-", "–": "-", "…": "...", "°": "deg",
-     "⁻": "^-", "\u00a0": " ",
-     **{raised: f"^{k}" for k, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}}
+    {
+        "±": "+-", "≤": "<=", "≥": ">=", "·": "*", "°": "deg", "⁻": "^-", "\u2212": "-",
+        "\u2013": "-", "\u2026": "...", "\u00d7": "x", "\u00a0": " ",
+        **{raised: f"^{k}" for k, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")},
+    }
 )  # fmt: skip
 #: Bytes of a file's name that are no text, as Python keeps them.
 _ESCAPED = range(0xDC80, 0xDD00)

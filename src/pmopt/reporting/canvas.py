@@ -6,10 +6,12 @@ no setting is left changed, and the reader's own matplotlibrc has no say.
 
 from __future__ import annotations
 
+import importlib
 import io
 import logging
 import math
 import os
+import re
 import sys
 import tempfile
 import textwrap
@@ -19,16 +21,18 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.workspace import WorkspaceResult
 from pmopt.errors import InputError
+from pmopt.reporting.table import uncertain
 from pmopt.units import ONE, exact, pretty
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
@@ -40,7 +44,7 @@ FORMS = ("png", "svg", "pdf")
 _METADATA = {"png": ("Software",), "svg": ("Date",), "pdf": ("Creator", "Producer", "CreationDate")}
 _FORM: ContextVar[str] = ContextVar("form", default="png")
 COLOURS = "viridis"
-INK, FAINT, LINE = "#222222", "#808080", "#2f5d8a"
+INK, FAINT, LINE = "#222222", "#808080", "#0072B2"
 _STYLE: dict[str, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -62,9 +66,11 @@ _STYLE: dict[str, Any] = {
 }
 #: Width of a character of the smaller text, in inches.
 CHARACTER = 0.066
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-#: Where the largest index is smaller than this, axes and colours end there.
-SMALL_INDEX = 0.1
+#: A number of a text with more digits than are read.
+_LONG = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Colours end at this quantile of what is shown, unless the largest value is hardly above it.
+_SHOWN, _TAIL = 0.95, 1.25
 NAMES = {"gci": "GCI", "lci": "LCI"}
 
 
@@ -93,17 +99,16 @@ def _import_matplotlib() -> None:
     """Import matplotlib, also where settings made for other programs keep it from that."""
     with _silence():
         try:
-            import matplotlib  # noqa: F401
+            importlib.import_module("matplotlib")
         except ModuleNotFoundError:
             raise
         except Exception:
             for name in [n for n in sys.modules if n.partition(".")[0] == "matplotlib"]:
                 del sys.modules[name]  # half imported
             with _without_settings():
-                import matplotlib  # noqa: F401
+                pass
         # What draws looks for fonts when it is imported, and speaks of it.
         from matplotlib import font_manager, get_data_path
-        from matplotlib.backends import backend_agg  # noqa: F401
     fonts = Path(get_data_path(), "fonts", "ttf")
     known = {Path(font.fname) for font in font_manager.fontManager.ttflist}
     for path in fonts.glob(f"{_FONT}.ttf"):  # a list left from elsewhere may lack even its own
@@ -216,9 +221,9 @@ def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str
 
     params = {name: value for name, value in result.params.items() if value is not None}
     head = wrap(f"{result.mechanism}: {parameter_text(params, result.units)}", 10.5)
-    parts = [f"volume {with_unit(format_estimate(result.volume), result.volume_unit)}"]
+    parts = [f"volume {estimate_text(*result.volume, result.volume_unit)}"]
     if result.reachable:
-        parts.append(f"GCI {format_estimate(result.gci)}")
+        parts.append(f"GCI {estimate_text(*result.gci)}")
     if result.grid:
         parts.append("± are error bounds")
     parts += [f"{name} in [{exact(low)}, {exact(high)}] {result.units[name]}"
@@ -227,7 +232,7 @@ def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str
         parts.append(f"LCI ≥ {exact(result.settings.min_lci)}")
     parts += [f"working mode {result.working_mode}", *remarks]
     body = wrap(", ".join(part.replace(" ", "\u00a0") for part in parts), 8.5)
-    note = wrap(f"LCI: {result.index_note}", 7)
+    note = wrap(f"LCI: {rounded(result.index_note)}", 7)
     x, top = 0.15 / width, 1 - 0.12 / height
     figure.text(x, top, "\n".join(head), va="top", fontsize=10.5)
     top -= 0.21 * len(head) / height
@@ -272,16 +277,6 @@ def parameter_text(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
     return text if one is None else with_unit(text, one)
 
 
-def largest_colour(result: WorkspaceResult) -> float:
-    """Return where the colours of LCI end, the same in every picture of a workspace."""
-    largest = result.largest.value
-    if math.isnan(largest) or largest <= 0:
-        return 1.0
-    if largest < SMALL_INDEX:
-        return rounded_up(largest)
-    return min(1.0, max(0.1, math.ceil(10 * largest) / 10))
-
-
 def rounded_up(value: float) -> float:
     """Return the next number above that is 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten."""
     power = math.floor(math.log10(value))
@@ -290,23 +285,63 @@ def rounded_up(value: float) -> float:
     return next((end for end in steps if end >= value), value)
 
 
-def colour_scale(result: WorkspaceResult) -> ScalarMappable:
-    """Return the colours of LCI."""
+class IndexScale(NamedTuple):
+    """Colours of LCI from 0 on.
+
+    Attributes
+    ----------
+    mappable : ScalarMappable
+    end : float
+        Where the colours end.
+    beyond : float
+        Share of what is shown that has a larger index.
+    """
+
+    mappable: ScalarMappable
+    end: float
+    beyond: float
+
+
+def index_scale(values: ArrayLike) -> IndexScale:
+    """Return colours of LCI that fit what is shown: few large values leave the rest its colours.
+
+    They begin at 0, a singularity.
+
+    Parameters
+    ----------
+    values : array_like
+        All that is shown; NaN is nothing.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(0.0, largest_colour(result)), COLOURS)
+    shown = np.asarray(values, dtype=float)
+    shown = shown[np.isfinite(shown)]
+    most = float(shown.max()) if shown.size else 0.0
+    end = 1.0
+    if most > 0:
+        high = float(np.quantile(shown, _SHOWN))
+        end = rounded_up(most if most <= _TAIL * high or high <= 0 else high)
+    beyond = float((shown > end).mean()) if shown.size else 0.0
+    return IndexScale(ScalarMappable(Normalize(0.0, end), COLOURS), end, beyond)
 
 
-def format_estimate(estimate: Estimate) -> str:
-    """Return value and error to the error's first digit, e.g. ``10.206 ± 0.001``."""
-    value, error = estimate
-    if not math.isfinite(error) or error <= 0:
-        return f"{value:.6g}"
-    size = max(abs(value), error)
-    if not 1e-4 <= size < 1e7:
-        power = math.floor(math.log10(size))
-        scaled = format_estimate(Estimate(value / 10.0**power, error / 10.0**power))
-        return f"({scaled})·10{str(power).translate(_RAISED)}"
-    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
+def draw_index_bar(figure: Figure, beside: Axes, scale: IndexScale, result: WorkspaceResult) -> Any:
+    """Draw the colours of LCI, and say how much of what is shown is beyond them."""
+    bar = figure.colorbar(scale.mappable, cax=beside, extend="max" if scale.beyond else "neither")
+    text = index_label(result)
+    bar.set_label(f"{text}, {100 * scale.beyond:.1g} % larger" if scale.beyond else text)
+    return bar
+
+
+def estimate_text(value: float, error: float, unit: str = ONE) -> str:
+    """Return an uncertain number as pictures show it, with its unit; error 0 or NaN: none known."""
+    if not (math.isfinite(error) and error > 0):
+        text = f"{value:.6g}"
+        return text if unit == ONE else f"{text} {pretty(unit)}"
+    return uncertain(value, error, pretty(unit))
+
+
+def rounded(text: str) -> str:
+    """Return a text whose numbers have six digits at most."""
+    return _LONG.sub(lambda found: f"{float(found[0]):.6g}", text)

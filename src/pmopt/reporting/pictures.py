@@ -22,6 +22,7 @@ from pmopt.reporting.fields import (
     section_fields,
     surface_field,
 )
+from pmopt.reporting.front_plots import draw_front, draw_history, influential, reference_text
 from pmopt.reporting.gallery import Gallery
 from pmopt.reporting.run_folder import MANIFEST, read_manifest
 from pmopt.reporting.tasks import WorkspaceTask
@@ -116,38 +117,37 @@ def of_pareto(
     manifest : mapping
         ``mechanism``, ``config`` and ``result`` of the run's manifest.
     """
-    front, history = tables["front"], tables["history"]
-    first, second = manifest["config"]["objectives"][:2]
-    parameters = [name for name in manifest["config"]["parameters"] if name in front]
-    ranges = manifest["config"]["parameters"]
-    # The variable that differs most along the front, relative to its range, tells its ends apart.
-    variables = [name for name in parameters if isinstance(ranges[name], list | tuple)]
-    spread = {
-        name: abs(front[name].iloc[0] - front[name].iloc[-1]) / (ranges[name][1] - ranges[name][0])
-        for name in variables
-    }
-    measured = manifest["config"]["workspace"]
-    title = (
-        f"{manifest['mechanism']}: Pareto front, {len(front)} designs ({measured['working_mode']}, "
-        f"{measured['jacobian']} Jacobian, {measured['norm']}-norm)"
+    front, history = (
+        {str(name): column.to_numpy() for name, column in tables[table].items()}
+        for table in ("front", "history")
     )
-    return {
-        "front.png": plots.draw_front(
-            {str(name): column.to_numpy() for name, column in front.items()},
-            units,
-            parameters,
-            (first, second),
-            title=title,
-            knee=int(manifest["result"]["knee"]["design"]) - 1,
-            colour_by=max(spread, key=lambda name: spread[name]),
+    config, result = manifest["config"], manifest["result"]
+    objectives, ranges, measured = config["objectives"], config["parameters"], config["workspace"]
+    parameters = [name for name in ranges if name in front]
+    count = len(tables["front"])
+    title = (
+        f"{manifest['mechanism']}: Pareto front, {count} design{'s' if count > 1 else ''} "
+        f"({measured['working_mode']}, {measured['jacobian']} Jacobian, {measured['norm']}-norm)"
+    )
+    knee = int(result["knee"]["design"]) - 1
+    colour = influential(front, ranges, result["idle_directions"], objectives)
+    reference = reference_text(result, units, objectives)
+    gallery = Gallery()
+    gallery.add(
+        "front.png",
+        lambda: draw_front(
+            front, units, parameters, objectives, title=title, notes=[reference], knee=knee,
+            colour_by=colour,
         ),
-        "history.png": plots.draw_history(
-            {str(name): column.to_numpy() for name, column in history.items()},
-            units,
-            (first, second),
-            title=f"{manifest['mechanism']}: course of the search",
+    )  # fmt: skip
+    gallery.add(
+        "history.png",
+        lambda: draw_history(
+            history, units, objectives, title=f"{manifest['mechanism']}: course of the search",
+            notes=["on the samples of the search", f"measured finely: {reference}"],
         ),
-    }
+    )  # fmt: skip
+    return gallery
 
 
 def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:

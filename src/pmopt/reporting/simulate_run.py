@@ -21,8 +21,8 @@ from pmopt.analysis.simulation import (
 )
 from pmopt.analysis.workspace import number
 from pmopt.errors import InputError
-from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
 from pmopt.reporting.gallery import Gallery, write_pictures
+from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import effort_unit

@@ -53,9 +53,7 @@ def _run(
         folder.write("result.json", to_json(result.to_dict()) + "\n")
         for name, table in zip(("aspects", "families", "walls"), _numbers(result), strict=True):
             folder.write(f"{name}.csv", to_csv([table]) + "\n")
-        missing = write_pictures(
-            folder, lambda: pictures.of_singularities(task, threads), notify
-        )
+        missing = write_pictures(folder, lambda: pictures.of_singularities(task, threads), notify)
         folder.close(
             "singularities",
             {

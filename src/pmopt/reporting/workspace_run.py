@@ -140,9 +140,7 @@ def _write(
     folder.write("result.json", to_json(result.to_dict()) + "\n")
     folder.write("lci_histogram.csv", to_csv([histogram_table(result)]) + "\n")
     folder.write("regions.csv", to_csv([regions_table(result)]) + "\n")
-    missing = write_pictures(
-        folder, lambda: pictures.of_workspace(task, result, threads), notify
-    )
+    missing = write_pictures(folder, lambda: pictures.of_workspace(task, result, threads), notify)
     checkpoint.finish()
     folder.close(
         "workspace",

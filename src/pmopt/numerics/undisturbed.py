@@ -6,6 +6,7 @@ from being compiled; ``NUMBA_DUMP_IR=1`` would print into a result.
 
 from __future__ import annotations
 
+import importlib
 import os
 import warnings
 from collections.abc import Iterator
@@ -30,18 +31,17 @@ def undisturbed() -> Iterator[None]:
     if not (threads.isascii() and threads.isdigit() and int(threads) > 0):
         hidden.append("NUMBA_NUM_THREADS")  # numba would complain at length
     kept = {name: os.environ.pop(name) for name in hidden}
-    before: dict[str, object] = {}
-    config = None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            from numba.core import config
-
+            config = importlib.import_module("numba.core.config")
             before = {name: getattr(config, name) for name in _OFF if hasattr(config, name)}
-            for name in before:
-                setattr(config, name, _OFF_VALUES.get(name, 0))
-            yield
+            try:
+                for name in before:
+                    setattr(config, name, _OFF_VALUES.get(name, 0))
+                yield
+            finally:
+                for name, value in before.items():
+                    setattr(config, name, value)
     finally:
         os.environ.update(kept)
-        for name, value in before.items():
-            setattr(config, name, value)

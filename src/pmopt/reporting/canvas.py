@@ -68,6 +68,8 @@ _STYLE: dict[str, Any] = {
 CHARACTER = 0.066
 #: A number of a text with more digits than are read.
 _LONG = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
+#: Numbers from the first to the second are written without a power of ten.
+_PLAIN = (1e-4, 1e7)
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: Colours end at this quantile of what is shown, unless the largest value is hardly above it.
 _SHOWN, _TAIL = 0.95, 1.25
@@ -106,7 +108,7 @@ def _import_matplotlib() -> None:
             for name in [n for n in sys.modules if n.partition(".")[0] == "matplotlib"]:
                 del sys.modules[name]  # half imported
             with _without_settings():
-                pass
+                importlib.import_module("matplotlib")
         # What draws looks for fonts when it is imported, and speaks of it.
         from matplotlib import font_manager, get_data_path
     fonts = Path(get_data_path(), "fonts", "ttf")
@@ -212,15 +214,9 @@ def fit_axes(figure: Figure, axes: Any, place: tuple[float, float, float, float]
         axes.set_position(np.concatenate([corner, factor * now[2:]]) / scale)
 
 
-def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
-    """Write mechanism, dimensions and volume above, what the index is of below."""
-    width, height = figure.get_size_inches()
-
-    def wrap(text: str, size: float) -> list[str]:
-        return textwrap.wrap(text, int((width - 0.3) / (CHARACTER * size / 8)))
-
+def caption_parts(result: WorkspaceResult, remarks: Sequence[str] = ()) -> tuple[str, list[str]]:
+    """Return mechanism and dimensions, and what else stands below them."""
     params = {name: value for name, value in result.params.items() if value is not None}
-    head = wrap(f"{result.mechanism}: {parameter_text(params, result.units)}", 10.5)
     parts = [f"volume {estimate_text(*result.volume, result.volume_unit)}"]
     if result.reachable:
         parts.append(f"GCI {estimate_text(*result.gci)}")
@@ -231,13 +227,32 @@ def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str
     if result.settings.min_lci > 0:
         parts.append(f"LCI ≥ {exact(result.settings.min_lci)}")
     parts += [f"working mode {result.working_mode}", *remarks]
+    return f"{result.mechanism}: {parameter_text(params, result.units)}", parts
+
+
+def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
+    """Write mechanism, dimensions and volume above, what the index is of below."""
+    width, height = figure.get_size_inches()
+
+    def wrap(text: str, size: float) -> list[str]:
+        return textwrap.wrap(text, int((width - 0.3) / (CHARACTER * size / 8)))
+
+    title, parts = caption_parts(result, remarks)
+    head = wrap(title, 10.5)
     body = wrap(", ".join(part.replace(" ", "\u00a0") for part in parts), 8.5)
-    note = wrap(f"LCI: {rounded(result.index_note)}", 7)
     x, top = 0.15 / width, 1 - 0.12 / height
     figure.text(x, top, "\n".join(head), va="top", fontsize=10.5)
     top -= 0.21 * len(head) / height
     figure.text(x, top, "\n".join(body), va="top", fontsize=8.5, color="#555555")
-    figure.text(x, 0.1 / height, "\n".join(note), fontsize=7, color="#555555")
+    write_note(figure, result)
+
+
+def write_note(figure: Figure, result: WorkspaceResult) -> None:
+    """Write below what the index is of."""
+    width, height = figure.get_size_inches()
+    text = f"LCI: {rounded(result.index_note)}"
+    note = textwrap.wrap(text, int((width - 0.3) / (CHARACTER * 7 / 8)))
+    figure.text(0.15 / width, 0.1 / height, "\n".join(note), fontsize=7, color="#555555")
 
 
 def draw_nothing(result: WorkspaceResult) -> bytes:
@@ -335,10 +350,20 @@ def draw_index_bar(figure: Figure, beside: Axes, scale: IndexScale, result: Work
 
 
 def estimate_text(value: float, error: float, unit: str = ONE) -> str:
-    """Return an uncertain number as pictures show it, with its unit; error 0 or NaN: none known."""
-    if not (math.isfinite(error) and error > 0):
-        text = f"{value:.6g}"
-        return text if unit == ONE else f"{text} {pretty(unit)}"
+    """Return an uncertain number as pictures show it, with its unit.
+
+    Without a known error, 0 or NaN, it is the value alone; very large and very small ones go with
+    a power of ten, ``(1.50 ± 0.45)·10⁹ mm³``.
+    """
+    known = math.isfinite(error) and error > 0
+    size = max(abs(value), error if known else 0.0)
+    if size > 0 and not _PLAIN[0] <= size < _PLAIN[1] and math.isfinite(size):
+        power = math.floor(math.log10(size))
+        scaled = estimate_text(value / 10.0**power, error / 10.0**power)
+        text = f"({scaled})" if known else scaled
+        return with_unit(f"{text}·10{str(power).translate(RAISED)}", unit)
+    if not known:
+        return with_unit(f"{value:.6g}", unit)
     return uncertain(value, error, pretty(unit))
 
 

@@ -250,7 +250,7 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
     def above(width: float, remarks: list[str]) -> Heading:
         return _heading(result, limits, width, remarks)
 
-    with plots.section_panels(sections, above) as (figure, panels, beside, _):
+    with plots.section_panels(sections, above) as (figure, panels, beside):
         from matplotlib import colormaps
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize

@@ -26,6 +26,8 @@ DASHES = ("-", (0, (6, 1.6)), (0, (1.4, 1.2)), (0, (7, 1.5, 1.5, 1.5)), (0, (3, 
 _HEAD, _BODY = 10.5, 8.5
 _HEAD_LINE, _BODY_LINE = 0.21, 0.17
 _MARGIN, _ABOVE, _BELOW = 0.15, 0.1, 0.14
+#: Wide characters over those of most texts.
+_WIDE = 1.06
 #: Numbers from here on, and below, are written with a power of ten beside the unit.
 _LARGE, _SMALL = 1e5, 1e-2
 
@@ -89,7 +91,7 @@ def design_parts(params: Mapping[str, float | None], units: Mapping[str, str]) -
 
 
 def _wrapped(text: str, width: float, size: float) -> tuple[str, ...]:
-    room = max(10, int((width - 2 * _MARGIN) / (CHARACTER * size / 8)))
+    room = max(10, int((width - 2 * _MARGIN) / (_WIDE * CHARACTER * size / 8)))
     # Spaces that do not break do so where a part alone is wider than the figure.
     lines = [
         piece

@@ -36,9 +36,9 @@ Table = Mapping[str, NDArray[Any]]
 _STEPS = [1, 2, 2.5, 5, 10]
 #: Inches: a panel, what is left and below of it for ticks and names, its colour bar, and the text.
 _PANEL = {1: (4.4, 3.4), 2: (3.5, 2.8)}
-_LEFT, _BOTTOM, _BAR, _GAP, _TEXT = 0.95, 0.62, 0.95, 0.12, 2.55
-#: A line of the text beside, in inches, and its characters.
-_LINE, _WIDE = 0.158, 38
+_LEFT, _BOTTOM, _BAR, _GAP, _TEXT = 0.95, 0.62, 0.95, 0.12, 2.85
+#: A line of the text beside, in inches, and its characters, plain and bold.
+_LINE, _WIDE, _BOLD = 0.158, 38, 29
 #: Points that a letter stays away from its design, and how near others count, in points.
 _AWAY, _NEAR = 11.0, 9.0
 #: A bar is seen where it is longer than this on either side, in points: the radius of a marker.
@@ -138,6 +138,7 @@ def draw_front(
         table["design"] = np.arange(1, len(table[objectives[0]]) + 1)
     marked = _marked(table, objectives, knee)
     texts = [_described(table, units, parameters, objectives, one) for one in marked]
+    titles = [textwrap.wrap(f"{one.letter}  {one.meaning}", _BOLD) for one in marked]
     across = min(_ACROSS, len(pairs))
     down = -(-len(pairs) // across)
     wide, high = _PANEL[across]
@@ -147,7 +148,9 @@ def draw_front(
     within = across > 1 and len(pairs) % across == 1
     width = across * each + (0.0 if within else _TEXT)
     above = heading(width, title, [*notes, "bars: standard errors, where they can be seen"])
-    lines = sum(len(text) for text in texts) + len(texts)
+    lines = sum(
+        1.3 * len(title) + len(text) + 0.8 for title, text in zip(titles, texts, strict=True)
+    )
     first = (down - 1) * (high + _BOTTOM) if within else 0.0
     height = above.height + max(down * (high + _BOTTOM), first + lines * _LINE) + 0.1
     with new_figure(width, height) as figure:
@@ -166,11 +169,11 @@ def draw_front(
             _draw_panel(figure, axes, beside, table, units, pair, by, marked)
         x = (width - each + _LEFT if within else width - _TEXT + 0.15) / width
         y = height - above.height - first
-        for one, text in zip(marked, texts, strict=True):
-            figure.text(x, y / height, f"{one.letter}  {one.meaning}", va="top", weight="bold")
-            y -= 1.15 * _LINE
-            figure.text(x, y / height, "\n".join(text[1:]), va="top", fontsize=8, linespacing=1.4)
-            y -= _LINE * (len(text) - 1) + 0.8 * _LINE
+        for title_lines, text in zip(titles, texts, strict=True):
+            figure.text(x, y / height, "\n".join(title_lines), va="top", weight="bold")
+            y -= 1.3 * _LINE * len(title_lines)
+            figure.text(x, y / height, "\n".join(text), va="top", fontsize=8, linespacing=1.4)
+            y -= _LINE * (len(text) + 0.8)
         return to_picture(figure)
 
 
@@ -197,8 +200,8 @@ def _described(
     table: Table, units: Mapping[str, str], parameters: Sequence[str], objectives: Sequence[str],
     one: _Marked,
 ) -> list[str]:  # fmt: skip
-    """Return the lines of a design: meaning, objectives, dimensions."""
-    lines = [one.meaning]
+    """Return the lines of a design: objectives, dimensions."""
+    lines = []
     for name in objectives:
         error = float(table[f"{name}_error"][one.row]) if f"{name}_error" in table else math.nan
         lines.append(
@@ -281,7 +284,7 @@ def _write_letters(
     taken = points.copy()
     for one in marked:
         axes.scatter(x[one.row], y[one.row], 90, facecolor="none", edgecolor=INK, zorder=4)
-        costs = []
+        costs: list[tuple[float, int, NDArray[np.float64], NDArray[np.float64]]] = []
         for turn in np.linspace(0.25, 2.25, 16, endpoint=False) * np.pi:
             away = _AWAY * np.array([math.cos(turn), math.sin(turn)])
             place = points[one.row] + away
@@ -290,7 +293,8 @@ def _write_letters(
             costs.append((float(np.maximum(1 - near, 0).sum()) + 10 * out, len(costs), away, place))
         _, _, away, place = min(costs, key=lambda cost: cost[:2])
         taken = np.vstack([taken, place])
-        axes.annotate(one.letter, (x[one.row], y[one.row]), away, textcoords="offset points",
+        offset = (float(away[0]), float(away[1]))
+        axes.annotate(one.letter, (x[one.row], y[one.row]), offset, textcoords="offset points",
                       weight="bold", ha="center", va="center", zorder=5)  # fmt: skip
 
 

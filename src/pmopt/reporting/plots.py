@@ -15,6 +15,7 @@ from pmopt.reporting.canvas import (
     COLOURS,
     FAINT,
     INK,
+    caption_parts,
     draw_index_bar,
     draw_nothing,
     estimate_text,
@@ -26,8 +27,9 @@ from pmopt.reporting.canvas import (
     rounded_up,
     to_picture,
     write_caption,
+    write_note,
 )
-from pmopt.reporting.chart_text import Heading, name_axis
+from pmopt.reporting.chart_text import Heading, heading, name_axis
 from pmopt.reporting.fields import Section, SurfaceMesh
 from pmopt.units import ONE
 
@@ -117,28 +119,32 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
         return draw_nothing(result)
     edges = list(result.settings.regions[1:-1])
     scale = index_scale(np.concatenate([section.lci.ravel() for section in sections]))
-    with section_panels(sections) as (figure, panels, beside, remarks):
+    lines = ["white lines: edges of the dexterity regions"] if edges else []
+    lines += ["orange lines: forward or constraint singularity"]
+
+    def above(width: float, remarks: list[str]) -> Heading:
+        return heading(width, *caption_parts(result, [*remarks, *lines]))
+
+    with section_panels(sections, above) as (figure, panels, beside):
         for section, axes in zip(sections, panels, strict=True):
             _draw_section(axes, section, scale.end, edges)
         bar = draw_index_bar(figure, beside, scale, result)
         for edge in edges:
             if edge < scale.end:
                 bar.ax.axhline(edge, color="white", linewidth=1.0)
-        remarks += ["white lines: edges of the dexterity regions"] if edges else []
-        remarks += ["orange lines: forward or constraint singularity"]
-        write_caption(figure, result, remarks)
+        write_note(figure, result)
         return to_picture(figure)
 
 
 @contextmanager
 def section_panels(
     sections: Sequence[Section],
-    above: Callable[[float, list[str]], Heading] | None = None,
-) -> Iterator[tuple[Figure, list[Axes], Axes, list[str]]]:
-    """Give a figure with axes for each section, to one scale, axes for a colour bar, and remarks.
+    above: Callable[[float, list[str]], Heading],
+) -> Iterator[tuple[Figure, list[Axes], Axes]]:
+    """Give a figure with axes for each section, to one scale, and axes for a colour bar.
 
-    The axes have their titles, labels and ticks. ``above`` makes the heading, which is written
-    then, from the figure's width and the remarks.
+    The axes have their titles, labels and ticks. ``above`` makes the heading from the figure's
+    width and remarks about the scale.
     """
     true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
     sides = _sides(true, [unit for s in sections for unit in s.units])
@@ -146,15 +152,14 @@ def section_panels(
     sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
     left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
     width = left + sides[:, 0].sum() + gap * len(sides) + 0.6
-    written = None if above is None else above(float(width), remarks)
-    head = 0.9 if written is None else max(0.9, written.height + 0.2)
+    written = above(float(width), remarks)
+    head = max(0.9, written.height + 0.2)
     head += 0.15 * max(section.plane.count("\n") for section in sections)
     size = np.array([width, bottom + tallest + head])
     with new_figure(*size) as figure:
         from matplotlib.ticker import MaxNLocator
 
-        if written is not None:
-            written.write(figure)
+        written.write(figure)
         panels = []
         for section, side in zip(sections, sides, strict=True):
             axes = figure.add_axes((*([left, bottom] / size), *(side / size)))
@@ -170,7 +175,7 @@ def section_panels(
             panels.append(axes)
             left += side[0] + gap
         place = (*([left - gap + 0.25, bottom] / size), *([0.15, tallest] / size))
-        yield figure, panels, figure.add_axes(place), remarks
+        yield figure, panels, figure.add_axes(place)
 
 
 def outline_of(axes: Axes, section: Section) -> PathPatch | None:
@@ -248,7 +253,7 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
     colours = ScalarMappable(Normalize(0.0, end), COLOURS)
     texts, spans, absent = [], [], []
     for region in result.regions:
-        share = estimate_text(*(100 * v for v in region.share))
+        share = estimate_text(100 * region.share.value, 100 * region.share.error)
         if region.lower >= end:
             absent.append(f"LCI ≥ {region.lower:g}: {share} %")
             continue
@@ -259,7 +264,15 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
         spans.append((min(max(centre, half), inches - half), half))
     rows = _rows(spans)
     strip = 0.36 * (max(rows) + 1)
-    total = bottom + height + strip + 0.7
+    ends = ((result.smallest, "≤", "least"), (result.largest, "≥", "largest"))
+    remarks = [
+        f"{name} LCI {'' if extreme.bound == 'proven' else f'{sign} '}{extreme.value:.4g}"
+        for extreme, sign, name in ends
+    ]
+    if result.largest.value > end:
+        remarks.append(f"{100 * (1 - shares.sum()):.2g} % are beyond the axis")
+    above = heading(width, *caption_parts(result, [*remarks, *absent]))
+    total = bottom + height + strip + above.height
     with new_figure(width, total) as figure:
         axes = figure.add_axes((left / width, bottom / total, inches / width, height / total))
         middles = step * (np.arange(len(shares)) + 0.5)
@@ -276,15 +289,8 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
         name_axis(axes.xaxis, index_label(result), ONE)
         axes.set_ylabel(f"share of the reachable volume\nper {step:.3g} of LCI (%)")
         axes.spines[["top", "right"]].set_visible(False)
-        ends = ((result.smallest, "≤", "least"), (result.largest, "≥", "largest"))
-        remarks = [
-            f"{name} LCI {'' if extreme.bound == 'proven' else f'{sign} '}{extreme.value:.4g}"
-            for extreme, sign, name in ends
-        ]
-        if result.largest.value > end:
-            remarks.append(f"{100 * (1 - shares.sum()):.2g} % are beyond the axis")
-        remarks += absent
-        write_caption(figure, result, remarks)
+        above.write(figure)
+        write_note(figure, result)
         return to_picture(figure)
 
 

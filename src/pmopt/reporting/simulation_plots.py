@@ -76,6 +76,7 @@ def draw_comparison(
             if np.isnan(found.error[:, k]).all():
                 low.text(0.5, 0.5, "no load", transform=low.transAxes, ha="center", va="center")
             name_axis(low.yaxis, "error", "% of peak")
+            low.set_ylabel(low.get_ylabel().replace(" (", "\n("))
             low.set_xlabel(label("t", "s"))
             for axes in (top, low):
                 axes.grid(True)

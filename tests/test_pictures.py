@@ -138,12 +138,17 @@ def test_others_are_drawn_beside_one_that_fails(home, monkeypatch):
     assert plotted.stderr == "error: sections.png: not drawn: out of memory\n"
 
 
-def test_a_batch_says_what_its_runs_lack(home, nothing_draws):
-    result = here("batch", "batch.toml", "--workers", 1, "--out", "all", cwd=home)
+def test_a_batch_says_what_its_runs_lack(home):
+    """Its runs are processes of their own: a matplotlib that is broken stands before the other."""
+    (home / "broken").mkdir()
+    (home / "broken/matplotlib.py").write_text("raise ImportError('libfreetype.so.6: not found')")
+    result = pmopt("batch", "batch.toml", "--workers", 1, "--out", "all", cwd=home,
+                   env={"PYTHONPATH": str(home / "broken")})  # fmt: skip
     assert result.returncode == 0, result.stderr
     lines = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
     assert len(lines) == 2
-    assert all("not drawn: ModuleNotFoundError" in line for line in lines)
+    assert all("not drawn: ImportError: libfreetype.so.6: not found" in line for line in lines)
+    assert json.loads(next(home.glob("all/runs/*/manifest.json")).read_text())["missing_pictures"]
 
 
 def test_a_picture_that_was_asked_for_is_an_error(home, nothing_draws):

@@ -357,7 +357,8 @@ def estimate_text(value: float, error: float, unit: str = ONE) -> str:
     """
     known = math.isfinite(error) and error > 0
     size = max(abs(value), error if known else 0.0)
-    if size > 0 and not _PLAIN[0] <= size < _PLAIN[1] and math.isfinite(size):
+    most = _PLAIN[1] if known else _PLAIN[1] / 10
+    if size > 0 and not _PLAIN[0] <= size < most and math.isfinite(size):
         power = math.floor(math.log10(size))
         scaled = estimate_text(value / 10.0**power, error / 10.0**power)
         text = f"({scaled})" if known else scaled

@@ -101,7 +101,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
             Poly3DCollection(quads, facecolors=colours, edgecolors=colours, linewidths=0.4),
             autolim=False,
         )
-        draw_index_bar(figure, figure.add_axes((0.895, 0.2, 0.02, 0.55)), scale, result)
+        draw_index_bar(figure, figure.add_axes((0.88, 0.2, 0.02, 0.55)), scale, result)
         write_caption(figure, result, told)
         return to_picture(figure)
 

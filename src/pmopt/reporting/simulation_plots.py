@@ -51,7 +51,7 @@ def draw_comparison(
     t = found.t[::stride]
     with new_figure(width, height) as figure:
         grid = figure.add_gridspec(
-            bands, across, left=0.8 / width, right=1 - 0.15 / width, bottom=0.5 / height,
+            bands, across, left=0.95 / width, right=1 - 0.15 / width, bottom=0.5 / height,
             top=1 - top_of / height, wspace=0.42, hspace=0.32,
         )  # fmt: skip
         for k, joint in enumerate(joints):

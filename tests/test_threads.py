@@ -84,3 +84,19 @@ def test_an_error_of_the_source_comes_after_the_results_before_it(threads):
     with pytest.raises(ValueError, match="no more"):
         got.extend(ordered_map(lambda item: time.sleep(1e-4) or item, source(), threads))
     assert got == list(range(50))
+
+
+def test_those_threads_that_there_are_do_the_work(monkeypatch):
+    """A system gives no more threads than so many."""
+    started = []
+
+    class Rare(threading.Thread):
+        def start(self):
+            if len(started) == 2:
+                raise RuntimeError("can't start new thread")
+            started.append(self)
+            super().start()
+
+    monkeypatch.setattr(shared, "Thread", Rare)
+    assert list(ordered_map(lambda item: item, range(100), 9)) == list(range(100))
+    assert len(started) == 2

@@ -11,27 +11,38 @@ from itertools import chain, islice
 from threading import Condition, Event, Thread
 from typing import Generic, TypeVar
 
-from pmopt.errors import InputError
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 #: Results a thread may be ahead of the reader.
 _AHEAD = 16
+#: Most threads for each core that a variable left from elsewhere may ask for.
+_MOST = 8
 #: Set when the process is about to end: nobody waits for the items that threads are at.
 ending = Event()
 
 
 def default_threads() -> int:
-    """Return ``$NUMBA_NUM_THREADS`` if set, else the number of cores this process may use."""
+    """Return ``$NUMBA_NUM_THREADS`` if set, else the number of cores this process may use.
+
+    The variable is numba's, set for any program: what is no number counts as not set, and what is
+    far above the cores ends at :data:`_MOST` times their number.
+    """
     given = os.environ.get("NUMBA_NUM_THREADS")
-    if given is None:
-        if hasattr(os, "sched_getaffinity"):
-            return len(os.sched_getaffinity(0))
-        return os.cpu_count() or 1
-    if not (given.isascii() and given.isdigit()) or int(given) < 1:
-        raise InputError(f"NUMBA_NUM_THREADS: {given!r} is not a whole number of at least 1")
-    return int(given)
+    cores = os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    if given is None or odd_threads() is not None:
+        return cores
+    return min(int(given), _MOST * cores)
+
+
+def odd_threads() -> str | None:
+    """Return what to say of ``$NUMBA_NUM_THREADS`` where it is not used; None where it is fine."""
+    given = os.environ.get("NUMBA_NUM_THREADS")
+    if given is None or (given.isascii() and given.isdigit() and int(given) > 0):
+        return None
+    return f"NUMBA_NUM_THREADS: {given!r} is not a whole number of at least 1: left aside"
 
 
 def ordered_map(
@@ -54,9 +65,13 @@ def ordered_map(
         return
     crew = _Crew(function, chain(head, source), _AHEAD * threads)
     helpers = [Thread(target=crew.work, daemon=True) for _ in range(threads - 1)]
-    for helper in helpers:
-        helper.start()
     try:
+        for number, helper in enumerate(helpers):
+            try:
+                helper.start()
+            except RuntimeError:  # the system gives no more: those that there are do the work
+                del helpers[number:]
+                break
         yield from crew.results()
     finally:
         crew.leave()

@@ -179,8 +179,7 @@ class Sweeper:
         #: Where the blocks of a workspace are summed, if not here.
         self.cluster: Cluster | None = None
         self._sequences: dict[tuple[int, str, int], sequences.Sequence] = {}
-        default = default_threads()  # numba reads the variable too: a bad one is refused here
-        self.threads = threads or default
+        self.threads = threads or default_threads()
         self.working_mode = mechanism.check_mode(settings.working_mode, f"{where}: working_mode")
         self.domain = mechanism.check_ranges(settings.domain, mechanism.pose, f"{where}: domain")
         tool = TOOL if settings.tool is not None else ()

@@ -38,6 +38,7 @@ def draw_command(
     from pmopt.files import write_atomic
     from pmopt.reporting.canvas import drawn_as, form_of
     from pmopt.reporting.drawing import draw_mechanism
+    from pmopt.reporting.gallery import wanted
 
     form_of(out, "--out")
     if out.exists() and not force:
@@ -48,7 +49,7 @@ def draw_command(
     ranges = options.parse_ranges(limits, "--limits", mechanism)
     found = inverse_kinematics(mechanism, parameters, given, mode, ranges, "--pose")
     reached(mechanism, found, "--pose")
-    with drawn_as(form_of(out, "--out")):
+    with drawn_as(form_of(out, "--out")), wanted(str(out)):
         picture = draw_mechanism(mechanism, parameters, found.pose, mode)
     try:
         write_atomic(out, picture)

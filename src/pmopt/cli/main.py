@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from pmopt.cli import interrupt
+from pmopt.cli.encoding import make_lenient
 from pmopt.cli.interrupt import Interrupted
 from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.version import __version__
@@ -101,6 +102,7 @@ def run(args: list[str] | None = None) -> int:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell: no file of a run may take its place
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    make_lenient()
     try:
         result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
         sys.stdout.flush()

@@ -42,6 +42,7 @@ def motion_command(
     from pmopt.analysis.motion_config import load_motion
     from pmopt.files import write_atomic
     from pmopt.reporting import motion_run
+    from pmopt.reporting.gallery import wanted
 
     task = load_motion(config, sets)
     options.say_unusual(task.mechanism.beyond_bounds(task.parameters, str(config)))
@@ -57,11 +58,6 @@ def motion_command(
     tables = motion_run.motion_tables(run)
     if form == "csv" and not run.infeasible:
         tables = [motion_run.motion_table(run)]
-    if animate is not None and not run.infeasible:
-        with progress_bar(quiet, f"frames {task.mechanism.name}", "frames") as progress:
-            picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
-        write_atomic(animate, picture)
-        notify(f"written to {animate}")
     if form != "table":  # where they stand below it
         for note in run.planned.notes:
             notify(note)
@@ -70,3 +66,11 @@ def motion_command(
         raise InputError(run.complaint())
     if out is not None:
         notify(f"written to {out}")
+    if animate is not None:  # last: what cannot be drawn costs no number
+        with (
+            wanted(str(animate)),
+            progress_bar(quiet, f"frames {task.mechanism.name}", "frames") as progress,
+        ):
+            picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
+        write_atomic(animate, picture)
+        notify(f"written to {animate}")

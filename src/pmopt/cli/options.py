@@ -16,6 +16,7 @@ from pmopt.errors import InputError
 from pmopt.inputs.fields import LENGTH
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.mechanisms import Mechanism, find, names
+from pmopt.threads import odd_threads
 from pmopt.units import ANGLE, ONE
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -186,8 +187,19 @@ def config_options(function: Function) -> Function:
     return function
 
 
+def _say_odd_threads(
+    context: click.Context, parameter: click.Parameter, value: int | None
+) -> int | None:
+    """Say once that a variable left from elsewhere is not used."""
+    line = odd_threads()
+    quiet = "--quiet" in (context.find_root().obj or ())
+    if line is not None and value is None and not quiet:
+        click.echo(line, err=True)
+    return value
+
+
 threads_option = click.option(
-    "--threads", type=click.IntRange(min=1, max=4096),
+    "--threads", type=click.IntRange(min=1, max=4096), callback=_say_odd_threads,
     help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
 )  # fmt: skip
 scheduler_option = click.option(

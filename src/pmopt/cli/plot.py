@@ -8,7 +8,7 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.output import emit
-from pmopt.errors import InputError
+from pmopt.errors import InputError, PmoptError
 from pmopt.files import write_atomic
 from pmopt.folder_lock import FolderLock
 from pmopt.inputs.identify import MANIFEST, describe
@@ -34,6 +34,7 @@ def plot_command(
     """
     from pmopt.reporting import pictures
     from pmopt.reporting.canvas import drawn_as
+    from pmopt.reporting.gallery import lines_of
     from pmopt.reporting.table import Table
 
     if not (run / MANIFEST).is_file():
@@ -42,12 +43,17 @@ def plot_command(
     folder = out or run
     pictures.manifest_of(run)
     with drawn_as(picture_format), FolderLock(folder):  # a run that is being written there first
-        drawn = {
-            str(Path(name).with_suffix(f".{picture_format}")): data
-            for name, data in pictures.of_folder(run, threads).items()
-        }
+        gallery = pictures.of_folder(run, threads)
+
+        def named(name: str) -> str:
+            return str(Path(name).with_suffix(f".{picture_format}"))
+
+        drawn = {named(name): data for name, data in gallery.items()}
         for name, data in drawn.items():
             write_atomic(folder / name, data)
     written = [str(folder / name) for name in drawn]
     rows = tuple((path,) for path in written)
     emit(form, {"written": written}, [Table("Written", ("file",), rows, {})])
+    missing = getattr(gallery, "missing", {})
+    if missing:
+        raise PmoptError("; ".join(lines_of({named(k): why for k, why in missing.items()})))

@@ -34,6 +34,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pmopt.numerics.undisturbed import IDLE, undisturbed
+
 #: Symbols that numba's code refers to where it raises or frees. Entries do neither: each is bound
 #: to ``abort``, so that a mistake ends the process and never goes on with wrong numbers.
 _UNUSED = (
@@ -53,7 +55,7 @@ _LARGEST = 1 << 27
 #: write what this user will run.
 _FILE_MODE, _FOLDER_MODE = 0o644, 0o755
 #: Settings of numba that leave machine code as it is.
-_HARMLESS = ("NUMBA_NUM_THREADS", "NUMBA_CACHE_DIR")
+_HARMLESS = ("NUMBA_NUM_THREADS", "NUMBA_CACHE_DIR", *IDLE)
 _KINDS: dict[str, Any] = {
     "int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double,
     "uint8": ctypes.c_uint8, "int32": ctypes.c_int32,
@@ -275,8 +277,10 @@ class Compiled:
         if self._module is None:
             if self.on_compile is not None:
                 self.on_compile()
-            self._module = self._import()
-        return _object_code(entry, getattr(self._module, entry.name))
+            with undisturbed():
+                self._module = self._import()
+        with undisturbed():
+            return _object_code(entry, getattr(self._module, entry.name))
 
     def _import(self) -> ModuleType:
         """Import the text, from a file where one can be written so that it can be read."""

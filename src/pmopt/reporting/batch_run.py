@@ -32,6 +32,7 @@ from pmopt.reporting.batch_plan import (
     plan_runs,
 )
 from pmopt.reporting.batch_summary import FAILURE, BatchResult, RunSummary, Status, summary_of
+from pmopt.reporting.gallery import missing_lines
 from pmopt.reporting.run_folder import (
     PLAN,
     RUNS,
@@ -412,6 +413,8 @@ class Batch:
                     if isinstance(outcome, PmoptError):
                         outcome = Outcome("failed", str(outcome))
                     self._keep(run, outcome)
+                    for line in missing_lines(read_manifest(self.run_folder(run))):
+                        notify(f"warning: {run.name}: {line}")
                     if on_done is not None:
                         on_done(self.summary_of(run))
             result = BatchResult(self.folder, tuple(self.summary_of(run) for run in own))

@@ -6,35 +6,45 @@ no setting is left changed, and the reader's own matplotlibrc has no say.
 
 from __future__ import annotations
 
+import importlib
 import io
 import logging
 import math
+import os
+import re
+import sys
+import tempfile
 import textwrap
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.workspace import WorkspaceResult
 from pmopt.errors import InputError
+from pmopt.reporting.table import uncertain
 from pmopt.units import ONE, exact, pretty
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 _DPI = 150
+#: Matplotlib's own font, by its file.
+_FONT = "DejaVuSans*"
 FORMS = ("png", "svg", "pdf")
 #: What each form would say of time and program.
 _METADATA = {"png": ("Software",), "svg": ("Date",), "pdf": ("Creator", "Producer", "CreationDate")}
 _FORM: ContextVar[str] = ContextVar("form", default="png")
 COLOURS = "viridis"
-INK, FAINT, LINE = "#222222", "#808080", "#2f5d8a"
+INK, FAINT, LINE = "#222222", "#808080", "#0072B2"
 _STYLE: dict[str, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -56,9 +66,13 @@ _STYLE: dict[str, Any] = {
 }
 #: Width of a character of the smaller text, in inches.
 CHARACTER = 0.066
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-#: Where the largest index is smaller than this, axes and colours end there.
-SMALL_INDEX = 0.1
+#: A number of a text with more digits than are read.
+_LONG = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
+#: Numbers from the first to the second are written without a power of ten.
+_PLAIN = (1e-4, 1e7)
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Colours end at this quantile of what is shown, unless the largest value is hardly above it.
+_SHOWN, _TAIL = 0.95, 1.25
 NAMES = {"gci": "GCI", "lci": "LCI"}
 
 
@@ -69,22 +83,75 @@ _SETTINGS = RLock()
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """Give a figure that is styled alike whatever the reader's own settings are."""
-    log = logging.getLogger("matplotlib")
-    level = log.level
-    log.setLevel(logging.ERROR)  # a user without a home, or with odd settings, is no news
-    try:
-        import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    finally:
-        log.setLevel(level)
+    with _SETTINGS:
+        _import_matplotlib()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    with _SETTINGS, matplotlib.rc_context():
+    with _SETTINGS, _silence(), matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
         figure = Figure((width, height), dpi=_DPI, facecolor="white")
         FigureCanvasAgg(figure)
         yield figure
+
+
+def _import_matplotlib() -> None:
+    """Import matplotlib, also where settings made for other programs keep it from that."""
+    with _silence():
+        try:
+            importlib.import_module("matplotlib")
+        except ModuleNotFoundError:
+            raise
+        except Exception:
+            for name in [n for n in sys.modules if n.partition(".")[0] == "matplotlib"]:
+                del sys.modules[name]  # half imported
+            with _without_settings():
+                importlib.import_module("matplotlib")
+        # What draws looks for fonts when it is imported, and speaks of it.
+        from matplotlib import font_manager, get_data_path
+    fonts = Path(get_data_path(), "fonts", "ttf")
+    known = {Path(font.fname) for font in font_manager.fontManager.ttflist}
+    for path in fonts.glob(f"{_FONT}.ttf"):  # a list left from elsewhere may lack even its own
+        if path not in known:
+            font_manager.fontManager.addfont(path)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep matplotlib's news of the machine to itself: no home, odd settings, fonts it lacks."""
+    log = logging.getLogger("matplotlib")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(level)
+
+
+@contextmanager
+def _without_settings() -> Iterator[None]:
+    """Hide the reader's settings: variables of the environment and ``matplotlibrc`` files.
+
+    One in the working folder is read before all others, so another folder is worked in meanwhile.
+    """
+    names = ("MPLBACKEND", "MATPLOTLIBRC", "MPLCONFIGDIR")
+    kept = {name: os.environ.pop(name) for name in names if name in os.environ}
+    here = os.open(".", os.O_RDONLY)
+    try:
+        with tempfile.TemporaryDirectory() as empty:
+            os.environ["MPLCONFIGDIR"] = empty
+            os.chdir(empty)
+            yield
+            os.fchdir(here)
+    finally:
+        os.fchdir(here)
+        os.close(here)
+        del os.environ["MPLCONFIGDIR"]
+        os.environ.update(kept)
 
 
 def to_picture(figure: Figure) -> bytes:
@@ -147,18 +214,12 @@ def fit_axes(figure: Figure, axes: Any, place: tuple[float, float, float, float]
         axes.set_position(np.concatenate([corner, factor * now[2:]]) / scale)
 
 
-def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
-    """Write mechanism, dimensions and volume above, what the index is of below."""
-    width, height = figure.get_size_inches()
-
-    def wrap(text: str, size: float) -> list[str]:
-        return textwrap.wrap(text, int((width - 0.3) / (CHARACTER * size / 8)))
-
+def caption_parts(result: WorkspaceResult, remarks: Sequence[str] = ()) -> tuple[str, list[str]]:
+    """Return mechanism and dimensions, and what else stands below them."""
     params = {name: value for name, value in result.params.items() if value is not None}
-    head = wrap(f"{result.mechanism}: {parameter_text(params, result.units)}", 10.5)
-    parts = [f"volume {with_unit(format_estimate(result.volume), result.volume_unit)}"]
+    parts = [f"volume {estimate_text(*result.volume, result.volume_unit)}"]
     if result.reachable:
-        parts.append(f"GCI {format_estimate(result.gci)}")
+        parts.append(f"GCI {estimate_text(*result.gci)}")
     if result.grid:
         parts.append("± are error bounds")
     parts += [f"{name} in [{exact(low)}, {exact(high)}] {result.units[name]}"
@@ -166,13 +227,32 @@ def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str
     if result.settings.min_lci > 0:
         parts.append(f"LCI ≥ {exact(result.settings.min_lci)}")
     parts += [f"working mode {result.working_mode}", *remarks]
+    return f"{result.mechanism}: {parameter_text(params, result.units)}", parts
+
+
+def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
+    """Write mechanism, dimensions and volume above, what the index is of below."""
+    width, height = figure.get_size_inches()
+
+    def wrap(text: str, size: float) -> list[str]:
+        return textwrap.wrap(text, int((width - 0.3) / (CHARACTER * size / 8)))
+
+    title, parts = caption_parts(result, remarks)
+    head = wrap(title, 10.5)
     body = wrap(", ".join(part.replace(" ", "\u00a0") for part in parts), 8.5)
-    note = wrap(f"LCI: {result.index_note}", 7)
     x, top = 0.15 / width, 1 - 0.12 / height
     figure.text(x, top, "\n".join(head), va="top", fontsize=10.5)
     top -= 0.21 * len(head) / height
     figure.text(x, top, "\n".join(body), va="top", fontsize=8.5, color="#555555")
-    figure.text(x, 0.1 / height, "\n".join(note), fontsize=7, color="#555555")
+    write_note(figure, result)
+
+
+def write_note(figure: Figure, result: WorkspaceResult) -> None:
+    """Write below what the index is of."""
+    width, height = figure.get_size_inches()
+    text = f"LCI: {rounded(result.index_note)}"
+    note = textwrap.wrap(text, int((width - 0.3) / (CHARACTER * 7 / 8)))
+    figure.text(0.15 / width, 0.1 / height, "\n".join(note), fontsize=7, color="#555555")
 
 
 def draw_nothing(result: WorkspaceResult) -> bytes:
@@ -212,16 +292,6 @@ def parameter_text(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
     return text if one is None else with_unit(text, one)
 
 
-def largest_colour(result: WorkspaceResult) -> float:
-    """Return where the colours of LCI end, the same in every picture of a workspace."""
-    largest = result.largest.value
-    if math.isnan(largest) or largest <= 0:
-        return 1.0
-    if largest < SMALL_INDEX:
-        return rounded_up(largest)
-    return min(1.0, max(0.1, math.ceil(10 * largest) / 10))
-
-
 def rounded_up(value: float) -> float:
     """Return the next number above that is 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten."""
     power = math.floor(math.log10(value))
@@ -230,23 +300,74 @@ def rounded_up(value: float) -> float:
     return next((end for end in steps if end >= value), value)
 
 
-def colour_scale(result: WorkspaceResult) -> ScalarMappable:
-    """Return the colours of LCI."""
+class IndexScale(NamedTuple):
+    """Colours of LCI from 0 on.
+
+    Attributes
+    ----------
+    mappable : ScalarMappable
+    end : float
+        Where the colours end.
+    beyond : float
+        Share of what is shown that has a larger index.
+    """
+
+    mappable: ScalarMappable
+    end: float
+    beyond: float
+
+
+def index_scale(values: ArrayLike) -> IndexScale:
+    """Return colours of LCI that fit what is shown: few large values leave the rest its colours.
+
+    They begin at 0, a singularity.
+
+    Parameters
+    ----------
+    values : array_like
+        All that is shown; NaN is nothing.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(0.0, largest_colour(result)), COLOURS)
+    shown = np.asarray(values, dtype=float)
+    shown = shown[np.isfinite(shown)]
+    most = float(shown.max()) if shown.size else 0.0
+    end = 1.0
+    if most > 0:
+        high = float(np.quantile(shown, _SHOWN))
+        end = rounded_up(most if most <= _TAIL * high or high <= 0 else high)
+    beyond = float((shown > end).mean()) if shown.size else 0.0
+    return IndexScale(ScalarMappable(Normalize(0.0, end), COLOURS), end, beyond)
 
 
-def format_estimate(estimate: Estimate) -> str:
-    """Return value and error to the error's first digit, e.g. ``10.206 ± 0.001``."""
-    value, error = estimate
-    if not math.isfinite(error) or error <= 0:
-        return f"{value:.6g}"
-    size = max(abs(value), error)
-    if not 1e-4 <= size < 1e7:
+def draw_index_bar(figure: Figure, beside: Axes, scale: IndexScale, result: WorkspaceResult) -> Any:
+    """Draw the colours of LCI, and say how much of what is shown is beyond them."""
+    bar = figure.colorbar(scale.mappable, cax=beside, extend="max" if scale.beyond else "neither")
+    text = index_label(result)
+    bar.set_label(f"{text}, {100 * scale.beyond:.1g} % larger" if scale.beyond else text)
+    return bar
+
+
+def estimate_text(value: float, error: float, unit: str = ONE) -> str:
+    """Return an uncertain number as pictures show it, with its unit.
+
+    Without a known error, 0 or NaN, it is the value alone; very large and very small ones go with
+    a power of ten, ``(1.50 ± 0.45)·10⁹ mm³``.
+    """
+    known = math.isfinite(error) and error > 0
+    size = max(abs(value), error if known else 0.0)
+    most = _PLAIN[1] if known else _PLAIN[1] / 10
+    if size > 0 and not _PLAIN[0] <= size < most and math.isfinite(size):
         power = math.floor(math.log10(size))
-        scaled = format_estimate(Estimate(value / 10.0**power, error / 10.0**power))
-        return f"({scaled})·10{str(power).translate(_RAISED)}"
-    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
+        scaled = estimate_text(value / 10.0**power, error / 10.0**power)
+        text = f"({scaled})" if known else scaled
+        return with_unit(f"{text}·10{str(power).translate(RAISED)}", unit)
+    if not known:
+        return with_unit(f"{value:.6g}", unit)
+    return uncertain(value, error, pretty(unit))
+
+
+def rounded(text: str) -> str:
+    """Return a text whose numbers have six digits at most."""
+    return _LONG.sub(lambda found: f"{float(found[0]):.6g}", text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,6 @@ from pmopt.analysis.capability import (
     compute_capability,
 )
 from pmopt.analysis.emptiness import require_reachable
-from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.analysis.validation import validated
@@ -31,23 +30,25 @@ from pmopt.mechanisms.base import Parameters
 from pmopt.mechanisms.bodies import point_mass
 from pmopt.reporting import plots
 from pmopt.reporting.canvas import (
-    CHARACTER,
     INK,
-    format_estimate,
+    estimate_text,
     parameter_text,
     to_picture,
     with_unit,
 )
+from pmopt.reporting.chart_text import Heading, heading
 from pmopt.reporting.fields import Section, section_fields
+from pmopt.reporting.gallery import Gallery, write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
+from pmopt.reporting.table import Cell, Table, to_csv, to_json, uncertain, with_error
 from pmopt.units import exact
 
 #: Colours end at twice what the motors have.
 _MOST = 2.0
 _RESOLUTION = 160
-#: Red is taken.
-_SINGULAR = "#1f3bff"
+#: Blue is enough, red too little, yellow between; none of the colour-blind mixes them up.
+_COLOURS = "RdYlBu_r"
+_SINGULAR = "#ffffff"
 
 
 @dataclass(frozen=True)
@@ -148,12 +149,10 @@ def _run(
     )  # fmt: skip
     if folder is None:
         return result
-    drawn = draw_capability(asked, result, threads)
     folder.open()
     folder.write("result.json", to_json(result.to_dict()) + "\n")
     folder.write("demands.csv", to_csv(capability_tables(result)) + "\n")
-    for name, data in drawn.items():
-        folder.write(name, data)
+    missing = write_pictures(folder, lambda: draw_capability(asked, result, threads), notify)
     folder.close(
         "capability",
         {
@@ -162,6 +161,7 @@ def _run(
             "seed": asked.seed,
             "resumes": [],
             "units": result.units,
+            **missing,
         },
     )
     return result
@@ -189,15 +189,15 @@ def capability_tables(result: Capability) -> list[Table]:
     unit = result.units["volume"]
     units = {"volume": unit, "volume_error": unit}
     task = _task_text(result)
-    percent = format_estimate(Estimate(100 * result.share.value, 100 * result.share.error))
+    percent = estimate_text(100 * result.share.value, 100 * result.share.error)
     kept = ""
     if any(demand.limit is not None for demand in result.demands):
-        kept = f"; all limits are kept in {format_estimate(result.capable)} {unit}, {percent} %"
+        kept = f"; all limits are kept in {uncertain(*result.capable, unit)}, {percent} %"
     notes = [
         "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
         f"task: {task}",
         *result.task.moved(find(result.mechanism)),
-        f"reachable volume {format_estimate(result.volume)} {unit}{kept}",
+        f"reachable volume {uncertain(*result.volume, unit)}{kept}",
     ]
     return [
         Table(
@@ -235,20 +235,27 @@ def draw_capability(
 
     sweeper = Sweeper(asked.mechanism, asked.settings, asked.seed, threads)
     sections = section_fields(sweeper, sweeper.design(asked.parameters), _RESOLUTION, used)
-    return {
-        f"capability{f'_{k // 3 + 1}' if k else ''}.png": _draw(sections[k : k + 3], result, given)
-        for k in range(0, len(sections), 3)
-    }
+    gallery = Gallery()
+    for k in range(0, len(sections), 3):
+        gallery.add(
+            f"capability{f'_{k // 3 + 1}' if k else ''}.png",
+            functools.partial(_draw, sections[k : k + 3], result, given),
+        )
+    return gallery
 
 
 def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str, float]) -> bytes:
     """Draw sections coloured by the largest share of a motor that is asked for; 1 is a line."""
-    with plots.section_panels(sections) as (figure, panels, beside, remarks):
+
+    def above(width: float, remarks: list[str]) -> Heading:
+        return _heading(result, limits, width, remarks)
+
+    with plots.section_panels(sections, above) as (figure, panels, beside):
         from matplotlib import colormaps
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 
-        colours = colormaps["RdYlGn_r"]
+        colours = colormaps[_COLOURS]
         norm = Normalize(0.0, _MOST)
         for section, axes in zip(sections, panels, strict=True):
             outline = plots.outline_of(axes, section)
@@ -261,25 +268,30 @@ def _draw(sections: tuple[Section, ...], result: Capability, limits: Mapping[str
                 aspect="auto", interpolation="nearest",
             )  # fmt: skip
             image.set_clip_path(outline)
-            plots.draw_singular(axes, section, _SINGULAR)
+            plots.draw_singular(axes, section, _SINGULAR, (0, (3, 1.5)))
             if np.nanmin(values) < 1 < np.nanmax(values):
                 axes.contour(section.horizontal, section.vertical, values, [1.0], colors=[INK],
                              linewidths=1.2)  # fmt: skip
         bar = figure.colorbar(ScalarMappable(norm, colours), cax=beside, extend="max")
+        bar.ax.axhline(1.0, color=INK, linewidth=1.2)
         bar.set_label("needed / available, largest of all joints")
-        width, height = figure.get_size_inches()
-        room = int((width - 0.3) / (CHARACTER * 8.5 / 8))
-        params = {k: v for k, v in result.params.items() if v is not None}
-        head = f"{result.mechanism}: {parameter_text(params, result.units)}"
-        share = Estimate(100 * result.share.value, 100 * result.share.error)
-        motors = ", ".join(f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items())
-        told = [
-            "; ".join([_task_text(result), *result.task.moved(find(result.mechanism))[:2]]),
-            f"limits: {motors}; kept in "
-            f"{format_estimate(share)} % of the volume", f"working mode {result.working_mode}",
-            *remarks, "black lines: limits just enough, blue lines: singular",
-        ]  # fmt: skip
-        body = "\n".join(textwrap.wrap(", ".join(told), room))
-        figure.text(0.15 / width, 1 - 0.12 / height, head, va="top", fontsize=10.5)
-        figure.text(0.15 / width, 1 - 0.33 / height, body, va="top", fontsize=8.5, color="#555555")
         return to_picture(figure)
+
+
+def _heading(
+    result: Capability, limits: Mapping[str, float], width: float, remarks: list[str]
+) -> Heading:
+    """Return what stands above: design, task, limits and what the lines are."""
+    params = {k: v for k, v in result.params.items() if v is not None}
+    motors = [f"{k} {with_unit(exact(v), result.units[k])}" for k, v in limits.items()]
+    share = estimate_text(100 * result.share.value, 100 * result.share.error)
+    return heading(
+        width,
+        f"{result.mechanism}: {parameter_text(params, result.units)}",
+        [
+            *_task_text(result).split(", "), *result.task.moved(find(result.mechanism))[:2],
+            *(f"{'limits: ' if k == 0 else ''}{text}" for k, text in enumerate(motors)),
+            f"kept in {share} % of the volume", f"working mode {result.working_mode}", *remarks,
+            "black lines: limits just enough", "white dashes: singular",
+        ],
+    )  # fmt: skip

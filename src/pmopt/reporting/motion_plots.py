@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -12,20 +13,28 @@ from pmopt.analysis.motion import Motion
 from pmopt.analysis.motion_config import ACCELERATION, EFFORT, POWER, RATE
 from pmopt.analysis.motion_summary import columns
 from pmopt.mechanisms import Mechanism
-from pmopt.reporting.canvas import label, new_figure, parameter_text, to_picture
+from pmopt.reporting.canvas import CHARACTER, label, new_figure, to_picture
+from pmopt.reporting.chart_text import design_parts, heading, line_style, name_axis
+from pmopt.reporting.gallery import Gallery
 from pmopt.units import per_second
 
-#: Told apart without colour too, by the dashes.
-_COLOURS = ("#2f5d8a", "#c1573b", "#4f8a4f", "#8a5aa8", "#b08a2e", "#3a8f9b", "#d08fb5", "#555555")
-_DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
+#: Characters at an axis that a panel has room for.
+_LONGEST = 34
 #: Most points of a curve that are drawn, about the pixels of a panel twice over.
 _POINTS = 4000
 
 
+#: What curves of a picture are, where their names do not say it.
+_QUANTITIES = {
+    "rates": "rate", "accelerations": "acceleration", "efforts": "effort", "power": "power",
+}  # fmt: skip
+
+
 class _Panel(NamedTuple):
-    """Curves of one unit: what stands on the axis, and the curves by name, (N,) each."""
+    """Curves of one unit: what they are, as a title and at an axis, and the curves by name."""
 
     title: str
+    quantity: str
     unit: str
     curves: dict[str, NDArray[np.float64]]
 
@@ -58,22 +67,26 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
         "efforts": ("efforts of the actuators", [f"{n}_effort" for n in joints]),
         "power": ("power of the actuators", [f"{n}_power" for n in joints]),
     }  # fmt: skip
-    drawn = {}
+    gallery = Gallery()
     for file, (title, names) in groups.items():
         known = [name for name in names if name in series]
         units = dict.fromkeys(series[name].unit for name in known)
         panels = [
-            _Panel(title, unit,
+            _Panel(title, _QUANTITIES.get(file, ""), unit,
                    {_short(n): series[n].values for n in known if series[n].unit == unit})
             for unit in units
         ]  # fmt: skip
         if panels:
-            drawn[f"{file}.png"] = _draw(motion, mechanism, title, [[p] for p in panels])
+            rows = [[panel] for panel in panels]
+            gallery.add(f"{file}.png", functools.partial(_draw, motion, mechanism, title, rows))
     if motion.centres:
-        drawn["centres.png"] = _draw(
-            motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
+        gallery.add(
+            "centres.png",
+            lambda: _draw(
+                motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
+            ),
         )
-    return drawn
+    return gallery
 
 
 def _short(name: str) -> str:
@@ -88,7 +101,7 @@ def _centre_panels(motion: Motion, unit: str) -> list[list[_Panel]]:
     orders = (("", unit), ("velocity ", per_second(unit)), ("acceleration ", per_second(unit, 2)))
     return [
         [
-            _Panel(f"{what}{axis}", told,
+            _Panel(f"{what}{axis}", what.strip(), told,
                    {name: values[:, order, k] for name, values in motion.centres.items()})
             for k, axis in enumerate("xyz")
         ]
@@ -105,53 +118,52 @@ def _draw(
     across = len(rows[0])
     shared = across > 1
     longest = max(len(name) for row in rows for panel in row for name in panel.curves)
-    legend = 0.55 + 0.075 * longest
-    width, each = (3.3 * across if shared else 7.2), 2.1
+    legend = 0.75 + 1.15 * CHARACTER * longest
+    width, each = (3.3 * across if shared else 7.2) + legend, 2.1
     most = max(len(panel.curves) for row in rows for panel in row)
-    height = max(each * len(rows), 0.2 * most) + 1.1
-    size = (width + legend, height)
+    units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
+    above = heading(
+        width, f"{mechanism.name}: {title}",
+        [*design_parts(motion.params, units), f"working mode {motion.working_mode}"],
+    )  # fmt: skip
+    height = max(each * len(rows), 0.2 * most) + 0.55 + above.height
     stride = -(-len(motion.t) // _POINTS)
-    with new_figure(*size) as figure:
+    with new_figure(width, height) as figure:
+        above.write(figure)
         grid: Any = figure.subplots(len(rows), across, sharex=True, squeeze=False)
         for row, panels in zip(grid, rows, strict=True):
             for axes, panel in zip(row, panels, strict=True):
                 for k, values in enumerate(panel.curves.values()):
-                    axes.plot(motion.t[::stride], values[::stride], **_line(k))
+                    axes.plot(motion.t[::stride], values[::stride], **line_style(k))
                 axes.set_xlim(motion.t[0], motion.t[-1])
                 _set_range(axes, list(panel.curves.values()))
                 axes.grid(True)
-                named = panel.title if shared else ", ".join(panel.curves)
-                axes.set_ylabel(label(named if len(named) < 40 else panel.title, panel.unit))
-                handles = [Line2D([], [], label=name, **_line(k))
+                name_axis(axes.yaxis, _named(panel, shared), panel.unit)
+                handles = [Line2D([], [], label=name, **line_style(k))
                            for k, name in enumerate(panel.curves)]  # fmt: skip
                 if not shared:
                     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.03),
-                                frameon=False, fontsize=8, handlelength=2.6)  # fmt: skip
+                                frameon=False, fontsize=8, handlelength=2.8)  # fmt: skip
         for axes in grid[-1]:
             axes.set_xlabel(label("t", "s"))
-        left, right = 0.85 / size[0], 1 - legend / size[0]
-        figure.subplots_adjust(left, 0.5 / height, right, 1 - 0.6 / height, hspace=0.16,
+        left, right = 0.95 / width, 1 - legend / width
+        figure.subplots_adjust(left, 0.5 / height, right, 1 - above.height / height, hspace=0.16,
                                wspace=0.42)  # fmt: skip
         figure.align_ylabels(grid)
         if shared:
             figure.legend(handles=handles, loc="upper left", frameon=False, fontsize=8,
-                          bbox_to_anchor=(right, 1 - 0.5 / height), handlelength=2.6)  # fmt: skip
-        units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
-        shown = {k: v for k, v in motion.params.items() if v is not None}
-        x = 0.15 / size[0]
-        figure.text(x, 1 - 0.1 / height, f"{mechanism.name}: {title}", va="top", fontsize=10.5)
-        figure.text(x, 1 - 0.31 / height,
-                    f"{parameter_text(shown, units)}, working mode {motion.working_mode}",
-                    va="top", fontsize=8.5, color="#555555")  # fmt: skip
+                          bbox_to_anchor=(right, 1 - above.height / height),
+                          handlelength=2.8)  # fmt: skip
         return to_picture(figure)
 
 
-def _line(number: int) -> dict[str, Any]:
-    return {
-        "color": _COLOURS[number % len(_COLOURS)],
-        "linestyle": _DASHES[number // len(_COLOURS) % len(_DASHES)],
-        "linewidth": 1.3,
-    }
+def _named(panel: _Panel, shared: bool) -> str:
+    """Return what stands at an axis: the quantity, and of whom where there is room for it."""
+    if shared:
+        return panel.title
+    names = ", ".join(panel.curves)
+    text = f"{panel.quantity} of {names}" if panel.quantity else names
+    return text if len(text) < _LONGEST else panel.quantity or panel.title
 
 
 def _set_range(axes: Any, curves: Sequence[NDArray[np.float64]]) -> None:

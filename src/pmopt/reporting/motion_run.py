@@ -15,6 +15,7 @@ from pmopt.analysis.motion_config import MotionTask
 from pmopt.analysis.motion_summary import Demand, broken_limits, columns, demands
 from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
+from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv
 from pmopt.units import ONE, effort_unit, per_second
@@ -186,30 +187,32 @@ def _run(
         () if motion.infeasible else demands(motion, task.mechanism), infeasible,
     )  # fmt: skip
     if folder is not None and not infeasible:
-        _write(run, folder)
+        _write(run, folder, notify)
     return run
 
 
-def _write(run: MotionRun, folder: RunFolder) -> None:
+def _write(run: MotionRun, folder: RunFolder, notify: Notify | None) -> None:
     from pmopt.reporting import motion_plots  # what draws takes long to import
 
-    drawn = motion_plots.draw_motion(run.motion, run.task.mechanism)
     folder.open()
     folder.write("motion.csv", to_csv([motion_table(run)]) + "\n")
     folder.write("summary.csv", to_csv([summary_table(run)]) + "\n")
     centres = centres_table(run)
     if centres is not None:
         folder.write("centres.csv", to_csv([centres]) + "\n")
-    for name, data in drawn.items():
-        folder.write(name, data)
+    origin = write_origin(run.task, folder)
+    missing = write_pictures(
+        folder, lambda: motion_plots.draw_motion(run.motion, run.task.mechanism), notify
+    )
     folder.close(
         "motion",
         {
             "mechanism": run.task.mechanism.name,
-            **write_origin(run.task, folder),
+            **origin,
             "fit": [r.to_dict() for r in run.planned.residuals],
             "notes": list(run.planned.notes),
             "resumes": [],
+            **missing,
             "units": run.units | {"mass": "kg", "centre": run.task.mechanism.length_unit,
                                   "inertia": "kg m^2"} | ({} if centres is None else centres.units),
         },

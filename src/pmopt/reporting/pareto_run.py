@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pmopt.analysis.sweeper import Notify
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting import pictures, run_folder
+from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.tasks import Plan
 from pmopt.synthesis.checkpoint import Checkpoint, plain
@@ -148,7 +149,7 @@ def _run(
     tables["regions"] = regions_table(front, config)
     if folder is not None:
         resumes = checkpoint.resumes if checkpoint else []
-        write_run(folder, config, front, tables, resumes, problem.failures)
+        write_run(folder, config, front, tables, resumes, problem.failures, notify)
     for line in front.remarks():
         if notify:
             notify(line)
@@ -212,6 +213,7 @@ def write_run(
     tables: dict[str, pd.DataFrame],
     resumes: list[int],
     failures: dict[str, int],
+    notify: Notify | None = None,
 ) -> None:
     """Write tables, pictures and the manifest."""
     document = {
@@ -232,9 +234,10 @@ def write_run(
         }
     for name in ("front", "regions", "history", "evaluations"):
         folder.write(f"{name}.csv", to_csv(tables[name]))
-    for name, data in pictures.of_pareto(tables, front.units, document).items():
-        folder.write(name, data)
-    folder.close("pareto", document)
+    missing = write_pictures(
+        folder, lambda: pictures.of_pareto(tables, front.units, document), notify
+    )
+    folder.close("pareto", document | missing)
 
 
 def to_csv(table: pd.DataFrame) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import os
 import stat
@@ -14,7 +15,15 @@ from pmopt.errors import InputError
 from pmopt.files import LARGEST, read_file
 from pmopt.reporting import plots
 from pmopt.reporting.drawing import draw_mechanism
-from pmopt.reporting.fields import Section, position_field, section_fields, surface_field
+from pmopt.reporting.fields import (
+    Section,
+    SurfaceMesh,
+    position_field,
+    section_fields,
+    surface_field,
+)
+from pmopt.reporting.front_plots import draw_front, draw_history, influential, reference_text
+from pmopt.reporting.gallery import Gallery
 from pmopt.reporting.run_folder import MANIFEST, read_manifest
 from pmopt.reporting.tasks import WorkspaceTask
 
@@ -30,27 +39,42 @@ def of_workspace(
     """Return histogram, 3-D picture and sections by file name."""
     sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
     design = sweeper.design(task.parameters)
-    drawn = {"lci_histogram.png": plots.draw_histogram(result)}
-    mesh, sections = surface_field(sweeper, design), section_fields(sweeper, design)
-    if mesh is not None:
-        drawn["workspace.png"] = plots.draw_surface(mesh, result)
-    positions = position_field(sweeper, design)
-    if positions is not None:
-        what = "the tool point" if task.settings.tool else "the platform's centre"
-        drawn["positions.png"] = plots.draw_surface(
-            positions, result, [f"positions of {what}, coloured by the largest LCI met there"]
-        )
-    return drawn | _drawn_sections(sections, result) | _drawn_mechanism(task)
+    what = "the tool point" if task.settings.tool else "the platform's centre"
+    remarks = [f"positions of {what}, coloured by the largest LCI met there"]
+    gallery = Gallery()
+    gallery.add("lci_histogram.png", lambda: plots.draw_histogram(result))
+    gallery.add_all(
+        "workspace.png",
+        lambda: _drawn_surface("workspace.png", surface_field(sweeper, design), result),
+    )
+    gallery.add_all(
+        "positions.png",
+        lambda: _drawn_surface("positions.png", position_field(sweeper, design), result, remarks),
+    )
+    gallery.add_all(
+        "sections.png", lambda: _drawn_sections(section_fields(sweeper, design), result)
+    )
+    gallery.add_all("mechanism.png", lambda: _drawn_mechanism(task))
+    return gallery
+
+
+def _drawn_surface(
+    name: str, mesh: SurfaceMesh | None, result: WorkspaceResult, remarks: Sequence[str] = ()
+) -> dict[str, bytes]:
+    """Return a 3-D picture, nothing where the mechanism has none of its kind."""
+    return {} if mesh is None else {name: plots.draw_surface(mesh, result, remarks)}
 
 
 def _drawn_sections(sections: Sequence[Section], result: WorkspaceResult) -> dict[str, bytes]:
     """Return the sections, three a picture."""
-    return {
-        f"sections{f'_{k // 3 + 1}' if k else ''}.png": plots.draw_sections(
-            sections[k : k + 3], result
+    gallery = Gallery()
+    for k in range(0, len(sections), 3):
+        shown = sections[k : k + 3]
+        gallery.add(
+            f"sections{f'_{k // 3 + 1}' if k else ''}.png",
+            functools.partial(plots.draw_sections, shown, result),
         )
-        for k in range(0, len(sections), 3)
-    }
+    return gallery
 
 
 def _drawn_mechanism(task: WorkspaceTask) -> dict[str, bytes]:
@@ -70,8 +94,13 @@ def of_singularities(task: WorkspaceTask, threads: int | None = None) -> dict[st
         shape_grid=0,
     )  # fmt: skip
     sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
-    sections = section_fields(sweeper, sweeper.design(task.parameters))
-    return _drawn_sections(sections, result) | _drawn_mechanism(task)
+    gallery = Gallery()
+    gallery.add_all(
+        "sections.png",
+        lambda: _drawn_sections(section_fields(sweeper, sweeper.design(task.parameters)), result),
+    )
+    gallery.add_all("mechanism.png", lambda: _drawn_mechanism(task))
+    return gallery
 
 
 def of_pareto(
@@ -88,38 +117,37 @@ def of_pareto(
     manifest : mapping
         ``mechanism``, ``config`` and ``result`` of the run's manifest.
     """
-    front, history = tables["front"], tables["history"]
-    first, second = manifest["config"]["objectives"][:2]
-    parameters = [name for name in manifest["config"]["parameters"] if name in front]
-    ranges = manifest["config"]["parameters"]
-    # The variable that differs most along the front, relative to its range, tells its ends apart.
-    variables = [name for name in parameters if isinstance(ranges[name], list | tuple)]
-    spread = {
-        name: abs(front[name].iloc[0] - front[name].iloc[-1]) / (ranges[name][1] - ranges[name][0])
-        for name in variables
-    }
-    measured = manifest["config"]["workspace"]
-    title = (
-        f"{manifest['mechanism']}: Pareto front, {len(front)} designs ({measured['working_mode']}, "
-        f"{measured['jacobian']} Jacobian, {measured['norm']}-norm)"
+    front, history = (
+        {str(name): column.to_numpy() for name, column in tables[table].items()}
+        for table in ("front", "history")
     )
-    return {
-        "front.png": plots.draw_front(
-            {str(name): column.to_numpy() for name, column in front.items()},
-            units,
-            parameters,
-            (first, second),
-            title=title,
-            knee=int(manifest["result"]["knee"]["design"]) - 1,
-            colour_by=max(spread, key=lambda name: spread[name]),
+    config, result = manifest["config"], manifest["result"]
+    objectives, ranges, measured = config["objectives"], config["parameters"], config["workspace"]
+    parameters = [name for name in ranges if name in front]
+    count = len(tables["front"])
+    title = (
+        f"{manifest['mechanism']}: Pareto front, {count} design{'s' if count > 1 else ''} "
+        f"({measured['working_mode']}, {measured['jacobian']} Jacobian, {measured['norm']}-norm)"
+    )
+    knee = int(result["knee"]["design"]) - 1
+    colour = influential(front, ranges, result["idle_directions"], objectives)
+    reference = reference_text(result, units, objectives)
+    gallery = Gallery()
+    gallery.add(
+        "front.png",
+        lambda: draw_front(
+            front, units, parameters, objectives, title=title, notes=[reference], knee=knee,
+            colour_by=colour,
         ),
-        "history.png": plots.draw_history(
-            {str(name): column.to_numpy() for name, column in history.items()},
-            units,
-            (first, second),
-            title=f"{manifest['mechanism']}: course of the search",
+    )  # fmt: skip
+    gallery.add(
+        "history.png",
+        lambda: draw_history(
+            history, units, objectives, title=f"{manifest['mechanism']}: course of the search",
+            notes=["on the samples of the search", f"measured finely: {reference}"],
         ),
-    }
+    )  # fmt: skip
+    return gallery
 
 
 def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:

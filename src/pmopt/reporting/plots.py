@@ -1,39 +1,35 @@
-"""Pictures of workspaces and Pareto fronts as PNG bytes, the same for the same input."""
+"""Pictures of workspaces as PNG bytes, the same for the same input."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.workspace import WorkspaceResult
 from pmopt.reporting.canvas import (
     CHARACTER,
     COLOURS,
     FAINT,
     INK,
-    LINE,
-    NAMES,
-    SMALL_INDEX,
-    colour_scale,
+    caption_parts,
+    draw_index_bar,
     draw_nothing,
+    estimate_text,
     fit_axes,
-    format_estimate,
     index_label,
+    index_scale,
     label,
-    largest_colour,
     new_figure,
-    parameter_text,
     rounded_up,
     to_picture,
-    with_unit,
     write_caption,
+    write_note,
 )
+from pmopt.reporting.chart_text import Heading, heading, name_axis
 from pmopt.reporting.fields import Section, SurfaceMesh
 from pmopt.units import ONE
 
@@ -51,8 +47,8 @@ _CUT = np.array([0.0, -1.0, 0.0])
 _MOST_SLENDER = 12.0
 _BINS = 100
 #: Where the largest LCI is more than so many times the upper quantile the axis leaves it out.
-_TAIL = 10.0
-SINGULAR = "#ff3b1f"
+_TAIL = 4.0
+SINGULAR = "#E69F00"
 _NO_SCALE = "sides not to one scale"
 _STEPS = [1, 2, 2.5, 5, 10]
 
@@ -97,16 +93,15 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
             axes.invert_zaxis()
         fit_axes(figure, axes, (0.02, 0.07, 0.84, 0.8))
         quads = mesh.vertices[mesh.faces]
-        scale = colour_scale(result)
+        scale = index_scale(mesh.lci)
         light = _LIGHT * [1.0, 1.0, -1.0 if mesh.downwards else 1.0]
-        colours = _shade(scale.to_rgba(mesh.lci)[:, :3], quads, light)
+        colours = _shade(scale.mappable.to_rgba(mesh.lci)[:, :3], quads, light)
         # Edges in the face's colour close the hairlines between antialiased neighbours.
         axes.add_collection3d(
             Poly3DCollection(quads, facecolors=colours, edgecolors=colours, linewidths=0.4),
             autolim=False,
         )
-        bar = figure.colorbar(scale, cax=figure.add_axes((0.895, 0.2, 0.02, 0.55)))
-        bar.set_label(index_label(result))
+        draw_index_bar(figure, figure.add_axes((0.88, 0.2, 0.02, 0.55)), scale, result)
         write_caption(figure, result, told)
         return to_picture(figure)
 
@@ -123,37 +118,48 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
     if not any(np.isfinite(section.lci).any() for section in sections):
         return draw_nothing(result)
     edges = list(result.settings.regions[1:-1])
-    with section_panels(sections) as (figure, panels, beside, remarks):
+    scale = index_scale(np.concatenate([section.lci.ravel() for section in sections]))
+    lines = ["white lines: edges of the dexterity regions"] if edges else []
+    lines += ["orange lines: forward or constraint singularity"]
+
+    def above(width: float, remarks: list[str]) -> Heading:
+        return heading(width, *caption_parts(result, [*remarks, *lines]))
+
+    with section_panels(sections, above) as (figure, panels, beside):
         for section, axes in zip(sections, panels, strict=True):
-            _draw_section(axes, section, largest_colour(result), edges)
-        bar = figure.colorbar(colour_scale(result), cax=beside)
+            _draw_section(axes, section, scale.end, edges)
+        bar = draw_index_bar(figure, beside, scale, result)
         for edge in edges:
-            bar.ax.axhline(edge, color="white", linewidth=1.0)
-        bar.set_label(index_label(result))
-        remarks += ["white lines: edges of the dexterity regions"] if edges else []
-        remarks += ["red lines: forward or constraint singularity"]
-        write_caption(figure, result, remarks)
+            if edge < scale.end:
+                bar.ax.axhline(edge, color="white", linewidth=1.0)
+        write_note(figure, result)
         return to_picture(figure)
 
 
 @contextmanager
 def section_panels(
     sections: Sequence[Section],
-) -> Iterator[tuple[Figure, list[Axes], Axes, list[str]]]:
-    """Give a figure with axes for each section, to one scale, axes for a colour bar, and remarks.
+    above: Callable[[float, list[str]], Heading],
+) -> Iterator[tuple[Figure, list[Axes], Axes]]:
+    """Give a figure with axes for each section, to one scale, and axes for a colour bar.
 
-    The axes have their titles, labels and ticks.
+    The axes have their titles, labels and ticks. ``above`` makes the heading from the figure's
+    width and remarks about the scale.
     """
     true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
     sides = _sides(true, [unit for s in sections for unit in s.units])
     remarks = [] if sides is true else [_NO_SCALE]
     sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
     left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
-    head = 0.9 + 0.15 * max(section.plane.count("\n") for section in sections)
-    size = np.array([left + sides[:, 0].sum() + gap * len(sides) + 0.6, bottom + tallest + head])
+    width = left + sides[:, 0].sum() + gap * len(sides) + 0.6
+    written = above(float(width), remarks)
+    head = max(0.9, written.height + 0.2)
+    head += 0.15 * max(section.plane.count("\n") for section in sections)
+    size = np.array([width, bottom + tallest + head])
     with new_figure(*size) as figure:
         from matplotlib.ticker import MaxNLocator
 
+        written.write(figure)
         panels = []
         for section, side in zip(sections, sides, strict=True):
             axes = figure.add_axes((*([left, bottom] / size), *(side / size)))
@@ -169,7 +175,7 @@ def section_panels(
             panels.append(axes)
             left += side[0] + gap
         place = (*([left - gap + 0.25, bottom] / size), *([0.15, tallest] / size))
-        yield figure, panels, figure.add_axes(place), remarks
+        yield figure, panels, figure.add_axes(place)
 
 
 def outline_of(axes: Axes, section: Section) -> PathPatch | None:
@@ -186,7 +192,9 @@ def outline_of(axes: Axes, section: Section) -> PathPatch | None:
     return outline
 
 
-def draw_singular(axes: Axes, section: Section, colour: str = SINGULAR) -> None:
+def draw_singular(
+    axes: Axes, section: Section, colour: str = SINGULAR, dashes: Any = "solid"
+) -> None:
     """Draw where the inverse Jacobian's determinant changes sign."""
     sign = np.sign(section.determinant)
     if sign.min() < sign.max():
@@ -195,7 +203,7 @@ def draw_singular(axes: Axes, section: Section, colour: str = SINGULAR) -> None:
         if np.nanmin(reached) < 0 < np.nanmax(reached):
             axes.contour(
                 section.horizontal, section.vertical, reached, [0.0], colors=[colour],
-                linewidths=1.4, zorder=4,
+                linewidths=1.4, linestyles=[dashes], zorder=4,
             )  # fmt: skip
 
 
@@ -233,31 +241,43 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
     """
     if result.reachable == 0:
         return draw_nothing(result)
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     inner = list(result.settings.regions[1:-1])
     width, height, left, bottom, right = 7.2, 3.4, 0.85, 0.75, 0.25
     inches = width - left - right
-    scale = colour_scale(result)
     end, step = _axis(result)
     inner = [edge for edge in inner if edge < end]
     shares = _shares(result, step)
-    texts, spans = [], []
+    colours = ScalarMappable(Normalize(0.0, end), COLOURS)
+    texts, spans, absent = [], [], []
     for region in result.regions:
+        share = estimate_text(100 * region.share.value, 100 * region.share.error)
         if region.lower >= end:
+            absent.append(f"LCI ≥ {region.lower:g}: {share} %")
             continue
         bracket = "]" if region.upper == 1.0 else ")"
-        share = format_estimate(Estimate(*(100 * v for v in region.share)))
         texts.append(f"[{region.lower:g}, {region.upper:g}{bracket}\n{share} %")
         half = len(share + " %") * CHARACTER / 2
         centre = (region.lower + min(region.upper, end)) / 2 / end * inches
         spans.append((min(max(centre, half), inches - half), half))
     rows = _rows(spans)
     strip = 0.36 * (max(rows) + 1)
-    total = bottom + height + strip + 0.7
+    ends = ((result.smallest, "≤", "least"), (result.largest, "≥", "largest"))
+    remarks = [
+        f"{name} LCI {'' if extreme.bound == 'proven' else f'{sign} '}{extreme.value:.4g}"
+        for extreme, sign, name in ends
+    ]
+    if result.largest.value > end:
+        remarks.append(f"{100 * (1 - shares.sum()):.2g} % are beyond the axis")
+    above = heading(width, *caption_parts(result, [*remarks, *absent]))
+    total = bottom + height + strip + above.height
     with new_figure(width, total) as figure:
         axes = figure.add_axes((left / width, bottom / total, inches / width, height / total))
         middles = step * (np.arange(len(shares)) + 0.5)
         axes.bar(
-            middles, 100 * shares, step, color=scale.to_rgba(middles),
+            middles, 100 * shares, step, color=colours.to_rgba(middles),
             edgecolor="white", linewidth=0.3,
         )  # fmt: skip
         for edge in inner:
@@ -266,33 +286,24 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
             place = (centre / inches, 1 + (0.06 + 0.36 * row) / height)
             axes.text(*place, text, transform=axes.transAxes, ha="center", va="bottom", fontsize=8)
         axes.set_xlim(0.0, end)
-        axes.set_xlabel(index_label(result))
-        axes.set_ylabel(f"share of the reachable volume\nper {step:g} of LCI (%)")
+        name_axis(axes.xaxis, index_label(result), ONE)
+        axes.set_ylabel(f"share of the reachable volume\nper {step:.3g} of LCI (%)")
         axes.spines[["top", "right"]].set_visible(False)
-        ends = ((result.smallest, "≤", "least"), (result.largest, "≥", "largest"))
-        remarks = [
-            f"{name} LCI {'' if extreme.bound == 'proven' else f'{sign} '}{extreme.value:.4g}"
-            for extreme, sign, name in ends
-        ]
-        if result.largest.value > end:
-            remarks.append(f"{100 * (1 - shares.sum()):.2g} % are beyond the axis")
-        write_caption(figure, result, remarks)
+        above.write(figure)
+        write_note(figure, result)
         return to_picture(figure)
 
 
 def _axis(result: WorkspaceResult) -> tuple[float, float]:
     """Return where the axis of LCI ends, and the width of bars.
 
-    As a rule from 0 to the largest index and the edges of the regions, in hundredths. Where all
-    indices are small, or nearly all are against the largest, it ends soon behind them.
+    It ends soon behind the largest index, or where nearly all are small against that, behind these.
     """
     most, high = result.largest.value, result.quantiles[-1].value
     reach = most if most <= _TAIL * high else _TAIL / 2 * high
-    if 0 < reach < SMALL_INDEX:
-        end = rounded_up(reach)
-        return end, end / _BINS
-    inner = result.settings.regions[1:-1]
-    return min(1.0, max([largest_colour(result), *(edge + 0.1 for edge in inner)])), 1 / _BINS
+    end = min(1.0, rounded_up(reach)) if reach > 0 else 1.0
+    # In hundredths where there are enough of them.
+    return end, 0.01 if end >= _BINS / 250 else end / _BINS
 
 
 def _shares(result: WorkspaceResult, step: float) -> NDArray[np.float64]:
@@ -307,119 +318,6 @@ def _shares(result: WorkspaceResult, step: float) -> NDArray[np.float64]:
     ends = step * np.arange(_BINS + 1)
     found = np.interp(ends, edges, below, left=0.0, right=1.0)
     return np.asarray(np.diff(found))
-
-
-def draw_front(
-    columns: Mapping[str, ArrayLike],
-    units: Mapping[str, str],
-    parameters: Sequence[str],
-    objectives: tuple[str, str] = ("volume", "gci"),
-    *,
-    title: str = "",
-    knee: int | None = None,
-    colour_by: str | None = None,
-) -> bytes:
-    """Draw a Pareto front, its ends and knee marked and their dimensions listed beside.
-
-    Parameters
-    ----------
-    columns : mapping
-        Parameters, objectives and ``<objective>_error`` by name, an entry a design.
-    units : mapping
-    parameters : sequence of str
-        The columns that are dimensions.
-    objectives : tuple of str
-        Horizontal and vertical one.
-    title : str
-    knee : int, optional
-        Row of the knee design.
-    colour_by : str, optional
-        A parameter that colours the points.
-    """
-    table = {name: np.asarray(column) for name, column in columns.items()}
-    x, y = (table[name].astype(float) for name in objectives)
-    x_name, y_name = (NAMES.get(name, name) for name in objectives)
-    ends = [(int(np.argmax(y)), f"largest {y_name}"), (int(np.argmax(x)), f"largest {x_name}")]
-    marked: dict[int, list[str]] = {}
-    for row, meaning in [ends[0], *([] if knee is None else [(knee, "knee")]), ends[1]]:
-        marked.setdefault(row, []).append(meaning)
-    if len(x) == 1:
-        marked = {0: ["the only design"]}
-    with new_figure(8.4, 4.4) as figure:
-        from matplotlib.ticker import MaxNLocator
-
-        axes = figure.add_axes((0.11, 0.13, 0.475 if colour_by else 0.56, 0.76))
-        axes.errorbar(
-            x, y, table[f"{objectives[1]}_error"], table[f"{objectives[0]}_error"], fmt="none",
-            ecolor=FAINT, elinewidth=0.8, capsize=1.5,
-        )  # fmt: skip
-        if colour_by:
-            points = axes.scatter(x, y, 16, table[colour_by], cmap=COLOURS, zorder=3)
-            bar = figure.colorbar(points, cax=figure.add_axes((0.605, 0.13, 0.016, 0.76)))
-            bar.set_label(label(colour_by, units[colour_by]))
-        else:
-            axes.scatter(x, y, 14, color=LINE, zorder=3)
-        for (row, meanings), sign, top in zip(
-            marked.items(), "ABC", (0.87, 0.6, 0.33), strict=False
-        ):
-            axes.scatter(x[row], y[row], 90, facecolor="none", edgecolor=INK, zorder=4)
-            axes.annotate(sign, (x[row], y[row]), (7, 7), textcoords="offset points", weight="bold")
-            lines = [
-                f"{NAMES.get(name, name)} {with_unit(_shown(table, name, row), units[name])}"
-                for name in objectives
-            ]
-            text = parameter_text({p: table[p][row] for p in parameters}, units)
-            lines += textwrap.wrap(text, 32)
-            figure.text(0.72, top, f"{sign}  {', '.join(meanings)}", va="bottom", weight="bold")
-            figure.text(0.72, top - 0.005, "\n".join(lines), va="top", fontsize=8, linespacing=1.4)
-        axes.margins(0.07)
-        axes.xaxis.set_major_locator(MaxNLocator(7, steps=_STEPS))
-        axes.set_xlabel(label(x_name, units[objectives[0]]))
-        axes.set_ylabel(label(y_name, units[objectives[1]]))
-        axes.grid(color="#e6e6e6", linewidth=0.6)
-        axes.set_axisbelow(True)
-        figure.text(0.11, 0.94, title, fontsize=10.5)
-        return to_picture(figure)
-
-
-def draw_history(
-    columns: Mapping[str, ArrayLike],
-    units: Mapping[str, str],
-    objectives: Sequence[str] = ("volume", "gci"),
-    *,
-    title: str = "",
-) -> bytes:
-    """Draw the hypervolume of the current front over the generations.
-
-    Parameters
-    ----------
-    columns : mapping
-        ``generation`` and ``hypervolume``.
-    units : mapping
-    objectives : sequence of str
-        Their units multiply to the hypervolume's.
-    title : str
-    """
-    unit = " ".join(units[name] for name in objectives if units[name] != ONE) or ONE
-    with new_figure(6.4, 3.6) as figure:
-        from matplotlib.ticker import MaxNLocator
-
-        axes = figure.add_axes((0.12, 0.15, 0.84, 0.73))
-        generation, value = np.asarray(columns["generation"]), np.asarray(columns["hypervolume"])
-        axes.plot(
-            generation, value, color=LINE, linewidth=1.5, marker="." if len(value) < 50 else ""
-        )
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        axes.set_xlabel("generation")
-        axes.set_ylabel(label("hypervolume", unit))
-        axes.grid(color="#e6e6e6", linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-        figure.text(0.12, 0.93, title, fontsize=10.5)
-        return to_picture(figure)
-
-
-def _shown(table: Mapping[str, NDArray[Any]], name: str, row: int) -> str:
-    return format_estimate(Estimate(float(table[name][row]), float(table[f"{name}_error"][row])))
 
 
 def _rows(spans: Sequence[tuple[float, float]]) -> list[int]:

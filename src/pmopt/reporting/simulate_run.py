@@ -21,6 +21,7 @@ from pmopt.analysis.simulation import (
 )
 from pmopt.analysis.workspace import number
 from pmopt.errors import InputError
+from pmopt.reporting.gallery import Gallery, write_pictures
 from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv
@@ -208,7 +209,7 @@ def _run(
     simulation = simulate_motion(task, motion.motion, fine, progress)
     run = SimulationRun(task, motion, simulation, tuple(_agreements(task, simulation)))
     if folder is not None:
-        _write(run, folder)
+        _write(run, folder, notify)
     return run
 
 
@@ -255,8 +256,7 @@ def _agreements(task: MotionTask, simulation: Simulation) -> Iterator[Agreement]
             )  # fmt: skip
 
 
-def _write(run: SimulationRun, folder: RunFolder) -> None:
-    drawn = draw_run(run)  # before anything is written: it may fail
+def _write(run: SimulationRun, folder: RunFolder, notify: Notify | None) -> None:
     simulation = run.simulation
     mode, _ = run.shown
     folder.open()
@@ -265,18 +265,19 @@ def _write(run: SimulationRun, folder: RunFolder) -> None:
         folder.write("inverse.csv", to_csv([series_table(run, simulation.inverse)]) + "\n")
     folder.write("summary.csv", to_csv([summary_table(run)]) + "\n")
     folder.write("model.xml", simulation.model)
-    for name, data in drawn.items():
-        folder.write(name, data)
+    origin = write_origin(run.task, folder)
+    missing = write_pictures(folder, lambda: draw_run(run), notify)
     document = run.to_dict()
     folder.close(
         "simulate",
         {
             "mechanism": run.task.mechanism.name,
-            **write_origin(run.task, folder),
+            **origin,
             "engine": document["engine"],
             "controller": document["controller"],
             "seed": None,
             "resumes": [],
+            **missing,
             "units": document["units"] | {"mass": "kg", "centre": run.task.mechanism.length_unit,
                                           "inertia": "kg m^2"},
         },
@@ -288,7 +289,12 @@ def draw_run(run: SimulationRun) -> dict[str, bytes]:
     from pmopt.reporting import simulation_plots  # what draws takes long to import
 
     mode, shown = run.shown
-    return {"simulate.png": simulation_plots.draw_comparison(run.task, run.simulation, shown, mode)}
+    gallery = Gallery()
+    gallery.add(
+        "simulate.png",
+        lambda: simulation_plots.draw_comparison(run.task, run.simulation, shown, mode),
+    )
+    return gallery
 
 
 def series_table(run: SimulationRun, found: Comparison | None = None) -> Table:

@@ -9,10 +9,13 @@ import numpy as np
 
 from pmopt.analysis.motion_config import MotionTask
 from pmopt.analysis.simulation import Comparison, Simulation
-from pmopt.reporting.canvas import LINE, label, new_figure, parameter_text, to_picture
+from pmopt.reporting.canvas import LINE, label, new_figure, to_picture
+from pmopt.reporting.chart_text import LINES, Heading, design_parts, heading, name_axis
 from pmopt.units import effort_unit
 
-_ENGINE, _ERROR = "#c1573b", "#555555"
+_ENGINE, _ERROR = LINES[1], "#555555"
+#: Inches: of a figure at least, so that its heading has room; of the legend below that.
+_NARROWEST, _LEGEND = 6.0, 0.15
 #: Panels of joints side by side.
 _ACROSS = 3
 #: Most points of a curve that are drawn.
@@ -40,13 +43,16 @@ def draw_comparison(
     joints = simulation.joints
     across = min(_ACROSS, len(joints))
     bands = -(-len(joints) // across)
-    width, height = 3.3 * across + 0.5, 3.9 * bands + 0.6
+    width = max(3.3 * across + 0.5, _NARROWEST)
+    above = _heading(width, task, simulation, mode)
+    top_of = above.height + _LEGEND
+    height = 3.7 * bands + 0.5 + top_of
     stride = -(-len(found.t) // _POINTS)
     t = found.t[::stride]
     with new_figure(width, height) as figure:
         grid = figure.add_gridspec(
-            bands, across, left=0.8 / width, right=1 - 0.15 / width, bottom=0.5 / height,
-            top=1 - 0.7 / height, wspace=0.42, hspace=0.32,
+            bands, across, left=0.95 / width, right=1 - 0.15 / width, bottom=0.5 / height,
+            top=1 - top_of / height, wspace=0.42, hspace=0.32,
         )  # fmt: skip
         for k, joint in enumerate(joints):
             cell = grid[k // across, k % across].subgridspec(2, 1, height_ratios=(1.6, 1),
@@ -64,15 +70,14 @@ def draw_comparison(
                         if math.isfinite(end):
                             top.axhline(end, color="#808080", linewidth=0.8, linestyle=":")
                     top.axvline(drive.first, color="#808080", linewidth=0.8, linestyle="-.")
-            top.set_ylabel(label(joint.name, effort_unit(joint.kind)))
+            name_axis(top.yaxis, f"effort of {joint.name}", effort_unit(joint.kind))
             top.tick_params(labelbottom=False)
             low.plot(t, found.error[::stride, k], color=_ERROR, linewidth=0.9)
             if np.isnan(found.error[:, k]).all():
                 low.text(0.5, 0.5, "no load", transform=low.transAxes, ha="center", va="center")
-            low.set_ylabel("error (% of peak)")
+            name_axis(low.yaxis, "error", "% of peak")
+            low.set_ylabel(low.get_ylabel().replace(" (", "\n("))
             low.set_xlabel(label("t", "s"))
-            low.ticklabel_format(axis="y", style="sci", scilimits=(-3, 3))
-            low.yaxis.get_offset_text().set_fontsize(7)
             for axes in (top, low):
                 axes.grid(True)
                 axes.set_xlim(simulation.inverse.t[0], simulation.inverse.t[-1])
@@ -80,8 +85,9 @@ def draw_comparison(
             if k == 0:
                 figure.legend(*top.get_legend_handles_labels(), loc="upper right", frameon=False,
                               ncols=2, fontsize=8,
-                              bbox_to_anchor=(1 - 0.1 / width, 1 - 0.32 / height))  # fmt: skip
-        _write_head(figure, task, simulation, mode)
+                              bbox_to_anchor=(1 - 0.1 / width, 1 - (above.height - 0.1) / height)
+                              )  # fmt: skip
+        above.write(figure)
         return to_picture(figure)
 
 
@@ -93,11 +99,9 @@ def _pad(axes: Any, *curves: Any) -> None:
     axes.set_ylim(low - margin, high + margin)
 
 
-def _write_head(figure: Any, task: MotionTask, simulation: Simulation, mode: str) -> None:
-    width, height = figure.get_size_inches()
+def _heading(width: float, task: MotionTask, simulation: Simulation, mode: str) -> Heading:
     mechanism = task.mechanism
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
-    shown = {k: v for k, v in task.parameters.items() if v is not None}
     controller = task.config.controller
     if mode == "forward" and controller is not None:
         ahead = "feed-forward and PID" if controller.feedforward else "PID"
@@ -106,10 +110,8 @@ def _write_head(figure: Any, task: MotionTask, simulation: Simulation, mode: str
             how += f", unstable at t = {simulation.unstable.t:.4g} s"
     else:
         how = "inverse dynamics"
-    x = 0.15 / width
-    figure.text(x, 1 - 0.1 / height, f"{mechanism.name}: efforts, theory and {simulation.engine}, "
-                f"{how}", va="top", fontsize=10.5)  # fmt: skip
-    below = parameter_text(shown, units)
+    parts = design_parts(task.parameters, units)
     if mode == "forward" and simulation.saturation:
-        below += "; dotted: a drive's limits, which it meets first at the dash-dotted line"
-    figure.text(x, 1 - 0.31 / height, below, va="top", fontsize=8.5, color="#555555")
+        parts.append("dotted: a drive's limits, which it meets first at the dash-dotted line")
+    head = f"{mechanism.name}: efforts, theory and {simulation.engine}, {how}"
+    return heading(width, head, parts)

@@ -9,6 +9,7 @@ from pmopt.analysis.crossings import PathResult
 from pmopt.analysis.measures import KINDS
 from pmopt.analysis.singularities import Nearness, SingularityResult, find_singularities
 from pmopt.analysis.sweeper import Notify
+from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
 from pmopt.reporting.tasks import WorkspaceTask
@@ -48,13 +49,11 @@ def _run(
     if folder is not None:
         from pmopt.reporting import pictures
 
-        drawn = pictures.of_singularities(task, threads)
         folder.open()
         folder.write("result.json", to_json(result.to_dict()) + "\n")
         for name, table in zip(("aspects", "families", "walls"), _numbers(result), strict=True):
             folder.write(f"{name}.csv", to_csv([table]) + "\n")
-        for name, data in drawn.items():
-            folder.write(name, data)
+        missing = write_pictures(folder, lambda: pictures.of_singularities(task, threads), notify)
         folder.close(
             "singularities",
             {
@@ -63,6 +62,7 @@ def _run(
                 "seed": task.seed,
                 "resumes": [],
                 "units": result.units,
+                **missing,
             },
         )
     return result

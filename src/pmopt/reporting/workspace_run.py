@@ -17,6 +17,7 @@ from pmopt.analysis.workspace import (
 )
 from pmopt.checkpoint import refuse_changes
 from pmopt.errors import InputError, PmoptError
+from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import MANIFEST, RunFolder, claimed, manifest_to_keep
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.reporting.tasks import Plan, WorkspaceTask
@@ -125,23 +126,21 @@ def run_workspace(
             result.samples,
         )  # fmt: skip
         if folder is not None and checkpoint is not None:
-            _write(task, result, folder, checkpoint, threads)
+            _write(task, result, folder, checkpoint, threads, notify)
     return result
 
 
 def _write(
     task: WorkspaceTask, result: WorkspaceResult, folder: RunFolder,
-    checkpoint: WorkspaceCheckpoint, threads: int | None,
+    checkpoint: WorkspaceCheckpoint, threads: int | None, notify: Notify | None,
 ) -> None:  # fmt: skip
     from pmopt.reporting import pictures  # what draws takes as long to import as a short run
 
-    drawn = pictures.of_workspace(task, result, threads)
     folder.open()
     folder.write("result.json", to_json(result.to_dict()) + "\n")
     folder.write("lci_histogram.csv", to_csv([histogram_table(result)]) + "\n")
     folder.write("regions.csv", to_csv([regions_table(result)]) + "\n")
-    for name, data in drawn.items():
-        folder.write(name, data)
+    missing = write_pictures(folder, lambda: pictures.of_workspace(task, result, threads), notify)
     checkpoint.finish()
     folder.close(
         "workspace",
@@ -151,6 +150,7 @@ def _write(
             "seed": task.seed,
             "resumes": checkpoint.resumes,
             "units": result.units,
+            **missing,
         },
     )
 

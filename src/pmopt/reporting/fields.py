@@ -253,7 +253,8 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
         axes = [
             np.linspace(a, b, int(n)) for a, b, n in zip(lower, place.upper, counts, strict=True)
         ]
-        vertices, faces, points = surface_nets(lambda p: _inside(sweeper, design, p)[0] >= 0, axes)
+        net = surface_nets(lambda p: _inside(sweeper, design, p)[0], axes)
+        vertices, faces, points = net.vertices, net.faces, net.crossings
     return SurfaceMesh(
         names=tuple(c.name for c in mechanism.pose),
         units=units,
@@ -326,10 +327,11 @@ def _inside(
     """Return a field that is >= 0 where margin and LCI allow a pose, and the LCI."""
     margin, lci = sweeper.field(design, poses)
     least = sweeper.settings.min_lci
-    if least == 0 or margin.size == 0:
+    if least == 0:
         return margin, lci
-    # Scaled, neither part dominates where the field is interpolated.
-    return np.minimum(margin / np.abs(margin).max(), lci - least), lci
+    # As large as the margin, neither part dominates where the field is interpolated; the size is
+    # the same wherever it is asked for.
+    return np.minimum(margin, float(design.width.max()) * (lci - least)), lci
 
 
 def _locate(sweeper: Sweeper, design: Design) -> _Location:

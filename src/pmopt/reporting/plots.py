@@ -96,10 +96,12 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         if mesh.downwards:
             axes.invert_zaxis()
         fit_axes(figure, axes, (0.02, 0.07, 0.84, 0.8))
-        quads = mesh.vertices[mesh.faces]
+        quads, lci = mesh.vertices[mesh.faces], mesh.lci
+        front = _seen(axes, quads)
+        quads, lci = quads[front], lci[front]
         scale = colour_scale(result)
         light = _LIGHT * [1.0, 1.0, -1.0 if mesh.downwards else 1.0]
-        colours = _shade(scale.to_rgba(mesh.lci)[:, :3], quads, light)
+        colours = _shade(scale.to_rgba(lci)[:, :3], quads, light)
         # Edges in the face's colour close the hairlines between antialiased neighbours.
         axes.add_collection3d(
             Poly3DCollection(quads, facecolors=colours, edgecolors=colours, linewidths=0.4),
@@ -431,6 +433,19 @@ def _rows(spans: Sequence[tuple[float, float]]) -> list[int]:
         ends[row : row + 1] = [centre + half + CHARACTER]
         rows.append(row)
     return rows
+
+
+def _seen(axes: Any, quads: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which faces of a closed surface look towards the reader: the others are hidden.
+
+    Left in, they would shine through thin parts, whose sides are drawn by their depth.
+    """
+    from mpl_toolkits.mplot3d import proj3d
+
+    flat = proj3d.proj_transform(*quads.reshape(-1, 3).T, axes.get_proj())
+    x, y = (np.asarray(v).reshape(-1, 4) for v in flat[:2])
+    turn = (x[:, 2] - x[:, 0]) * (y[:, 3] - y[:, 1]) - (y[:, 2] - y[:, 0]) * (x[:, 3] - x[:, 1])
+    return np.asarray(turn * (-1 if axes.zaxis_inverted() else 1) > 0)
 
 
 def _shade(

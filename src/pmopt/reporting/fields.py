@@ -27,6 +27,8 @@ _SYMMETRIC = 0.02
 _INFORMATIVE = 0.5
 #: A cut leaves at least this share of the width on either side, else nothing is cut away.
 _CUT_MARGIN = 0.1
+#: Grid cells along a voxel where a set is known by voxels.
+_FINER = 2
 #: Least grid cells along a short side, as a share of those along the longest.
 _LEAST_CELLS = 0.25
 
@@ -266,7 +268,9 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
 
 
 def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
-    """Return the positions reached as voxels, cut open, with the largest LCI met in each.
+    """Return the surface of the positions reached, cut open, with the largest LCI met there.
+
+    Known by voxels, it is smoothed over about one.
 
     None for a mechanism whose pose is a position: its workspace shows them.
 
@@ -290,29 +294,30 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
     if found is None:
         return nothing
     lower, step = found.lower[order], found.step
-    best = np.pad(found.best.transpose(order), 1, constant_values=np.nan)
-    half = (best.shape[1] - 2) // 2
-    level = float(lower[1] + half * step)
-    best[:, : half + 1] = np.nan  # what is in front of the cut
+    best = found.best.transpose(order)
     full = np.isfinite(best)
-    quads, colours = [], []
-    for axis, direction in itertools.product(range(3), (-1, 1)):
-        bare = np.argwhere(full & ~np.roll(full, -direction, axis))
-        corner = bare - 1.0
-        corner[:, axis] += direction > 0
-        along, across = (axis + 1) % 3, (axis + 2) % 3
-        ring = []
-        for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
-            point = corner.copy()
-            point[:, along] += u
-            point[:, across] += v
-            ring.append(point)
-        quads.append(np.stack(ring if direction > 0 else ring[::-1], axis=1))
-        colours.append(best[tuple(bare.T)])
-    vertices = lower + step * np.concatenate(quads).reshape(-1, 3)
+    across = full.any(axis=(0, 2)).nonzero()[0]
+    cut = float((across[0] + across[-1] + 1) // 2)
+    axes = [lower[k] + step / _FINER * np.arange(_FINER * (n - 1) + 1)
+            for k, n in enumerate(full.shape)]  # fmt: skip
+    axes[1] = axes[1][int(_FINER * cut) :]  # what is in front of the cut is left out
+    from scipy import ndimage
+
+    # Smoothed, steps of voxels become a surface; the second term keeps sheets of one voxel.
+    wide, narrow = (ndimage.gaussian_filter(full.astype(float), s) for s in (1.0, 0.5))
+    smooth = np.maximum(wide, 0.75 * narrow) - 0.5
+
+    def sampled(values: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        place = (points - lower[:, None]) / step
+        return np.asarray(ndimage.map_coordinates(values, place, order=1, mode="nearest"))
+
+    net = surface_nets(lambda p: sampled(smooth, p), axes)
+    # The surface passes between voxels reached and others: these take the nearest one's value.
+    around = ndimage.distance_transform_edt(~full, return_distances=False, return_indices=True)
+    lci = sampled(best[tuple(around)], net.crossings.T)
     return SurfaceMesh(
-        names, units, vertices, np.arange(len(vertices)).reshape(-1, 4), np.concatenate(colours),
-        plane(names[1], float(f"{level:.4g}"), units[1]), downwards,
+        names, units, net.vertices, net.faces, lci,
+        plane(names[1], float(axes[1][0]), units[1]), downwards,
     )  # fmt: skip
 
 

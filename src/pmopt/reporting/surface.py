@@ -38,15 +38,11 @@ class Net:
     crossings : (F, 3) float64
         Where the boundary crosses the edge that gives each face, on the set's side: a face cuts
         corners between other pieces of the boundary, this point lies on it.
-    lower, upper : (V, 3) float64
-        The cell that holds each vertex, flat on the box's faces.
     """
 
     vertices: Array
     faces: NDArray[np.intp]
     crossings: Array
-    lower: Array
-    upper: Array
 
 
 def surface_nets(field: Field, axes: Sequence[Array]) -> Net:
@@ -106,41 +102,13 @@ def surface_nets(field: Field, axes: Sequence[Array]) -> Net:
             ring.append(np.ravel_multi_index(cell, cells))
         quads = np.stack(ring, axis=1)
         rings.append(np.where(entered[:, None], quads, quads[:, ::-1]))
-    used, faces = np.unique(np.concatenate(rings), return_inverse=True)
+    _, faces = np.unique(np.concatenate(rings), return_inverse=True)
     faces = faces.reshape(-1, 4)
     weight = np.repeat(np.concatenate(weights), 4)
     total = np.bincount(faces.ravel(), weight)
     points = np.concatenate(crossings)
     sums = [np.bincount(faces.ravel(), weight * np.repeat(points[:, k], 4)) for k in range(3)]
-    corner = np.unravel_index(used, cells)
-    lower, upper = (
-        np.stack([a[i + further] for a, i in zip(grid.axes, corner, strict=True)], axis=1)
-        for further in (0, 1)
-    )
-    return Net(np.stack(sums, axis=1) / total[:, None], faces, points, lower, upper)
-
-
-def relax(net: Net, rounds: int) -> Array:
-    """Return the vertices moved towards their neighbours' means, each within its cell.
-
-    What is known by voxels alone becomes smooth, and no thin part is lost.
-
-    Parameters
-    ----------
-    net : Net
-    rounds : int
-    """
-    vertices = net.vertices
-    first, second = net.faces.ravel(), np.roll(net.faces, -1, axis=1).ravel()
-    ends, others = np.concatenate([first, second]), np.concatenate([second, first])
-    count = np.bincount(ends, minlength=len(vertices))
-    for _ in range(rounds):
-        means = np.stack(
-            [np.bincount(ends, vertices[others, k], len(vertices)) / count for k in range(3)],
-            axis=1,
-        )
-        vertices = np.clip(means, net.lower, net.upper)
-    return vertices
+    return Net(np.stack(sums, axis=1) / total[:, None], faces, points)
 
 
 class _Grid:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.aspects import determinants
 from pmopt.analysis.projection import reached_positions
-from pmopt.analysis.shape import grid_points
+from pmopt.analysis.shape import lattice_points
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.reporting.surface import surface_nets
 
@@ -20,6 +20,8 @@ Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Grid on which the workspace is located within its box; odd, so that a plane is in the middle.
 _LOCATE = 97
+#: Located again where it fills less than this share of the box's side, at most so often in all.
+_CLOSER, _MOST_CLOSER = 0.3, 3
 _MOST_SECTIONS = 6
 #: A workspace counts as symmetric if mirrored areas differ by less than this share of it.
 _SYMMETRIC = 0.02
@@ -296,11 +298,12 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
     lower, step = found.lower[order], found.step
     best = found.best.transpose(order)
     full = np.isfinite(best)
-    across = full.any(axis=(0, 2)).nonzero()[0]
-    cut = float((across[0] + across[-1] + 1) // 2)
     axes = [lower[k] + step / _FINER * np.arange(_FINER * (n - 1) + 1)
             for k, n in enumerate(full.shape)]  # fmt: skip
-    axes[1] = axes[1][int(_FINER * cut) :]  # what is in front of the cut is left out
+    ends = lower[1] + step * full.any(axis=(0, 2)).nonzero()[0][[0, -1]]
+    level = round_level(float(ends.mean()), max(float(np.ptp(ends)), step))
+    # What is in front of the cut is left out.
+    axes[1] = np.concatenate([[level], axes[1][axes[1] > level + step / 10]])
     from scipy import ndimage
 
     # Smoothed, steps of voxels become a surface; the second term keeps sheets of one voxel.
@@ -317,13 +320,13 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
     lci = sampled(best[tuple(around)], net.crossings.T)
     return SurfaceMesh(
         names, units, net.vertices, net.faces, lci,
-        plane(names[1], float(axes[1][0]), units[1]), downwards,
+        plane(names[1], level, units[1]), downwards,
     )  # fmt: skip
 
 
 def plane(name: str, level: float, unit: str) -> str:
     """Return what a plane is called."""
-    return f"{name} = {level:.8g} {unit}"
+    return f"{name} = {level:.6g} {unit}"
 
 
 def _inside(
@@ -342,24 +345,27 @@ def _inside(
 def _locate(sweeper: Sweeper, design: Design) -> _Location:
     """Find what is reachable within a design's box."""
     lower, upper = design.lower, design.lower + design.width
-    middle = (lower + upper) / 2
-    reachable = np.zeros((_LOCATE,) * 3, dtype=bool)
-    if design.box_volume > 0:
-        inside, _ = _inside(sweeper, design, grid_points(design, _LOCATE))
-        reachable = (inside >= 0).reshape(reachable.shape)
-    if not reachable.any():
-        return _Location(lower, upper, tuple(middle.tolist()))
-    first, last = np.empty(3), np.empty(3)
-    levels = []
-    for k in range(3):
-        areas = reachable.sum(axis=tuple(i for i in range(3) if i != k)).astype(float)
-        planes = np.linspace(lower[k], upper[k], _LOCATE)
-        some = np.flatnonzero(areas)
-        # The boundary lies up to a step beyond the outermost reachable points.
-        first[k] = planes[max(some[0] - 1, 0)]
-        last[k] = planes[min(some[-1] + 1, _LOCATE - 1)]
-        levels.append(_level(planes, areas))
-    return _Location(first, last, tuple(levels))
+    place = _Location(lower, upper, tuple(((lower + upper) / 2).tolist()))
+    for _ in range(_MOST_CLOSER if design.box_volume > 0 else 0):
+        axes = np.linspace(place.lower, place.upper, _LOCATE, axis=1)
+        inside, _ = _inside(sweeper, design, lattice_points(axes))
+        reachable = (inside >= 0).reshape((_LOCATE,) * 3)
+        if not reachable.any():
+            break
+        first, last = np.empty(3), np.empty(3)
+        levels = []
+        for k, planes in enumerate(axes):
+            areas = reachable.sum(axis=tuple(i for i in range(3) if i != k)).astype(float)
+            some = np.flatnonzero(areas)
+            # The boundary lies up to a step beyond the outermost reachable points.
+            first[k] = planes[max(some[0] - 1, 0)]
+            last[k] = planes[min(some[-1] + 1, _LOCATE - 1)]
+            levels.append(_level(planes, areas))
+        wide = place.upper - place.lower
+        place = _Location(first, last, tuple(levels))
+        if ((last - first) > _CLOSER * wide).all():
+            break
+    return place
 
 
 def _level(planes: NDArray[np.float64], areas: NDArray[np.float64]) -> float:
@@ -367,13 +373,21 @@ def _level(planes: NDArray[np.float64], areas: NDArray[np.float64]) -> float:
 
     A plane that meets little of the workspace gives way to the one that meets most.
     """
-    step = 10.0 ** math.floor(math.log10(planes[-1] - planes[0])) / 20
+    first, last = float(planes[0]), float(planes[-1])
     largest = float(planes[np.argmax(areas)])
     if np.abs(areas - areas[::-1]).sum() <= _SYMMETRIC * areas.sum():
-        level = float(planes[0] + planes[-1]) / 2
+        level = (first + last) / 2
     else:
-        level = round(float((planes * areas).sum() / areas.sum()) / step) * step
-    for choice in (level, round(largest / step) * step):
+        level = float((planes * areas).sum() / areas.sum())
+    for choice in (round_level(level, last - first), round_level(largest, last - first)):
         if np.interp(choice, planes, areas) >= _INFORMATIVE * areas.max():
             return choice
-    return largest
+    return round_level(largest, last - first, 100)
+
+
+def round_level(value: float, width: float, finer: int = 1) -> float:
+    """Return a value rounded to a twentieth of the power of ten below a width, or finer."""
+    power = math.floor(math.log10(width))
+    # Divided by a whole number, or by a power of ten, it has few digits as text too.
+    steps = round(value * 20 * finer / 10.0**power)
+    return float(f"{steps * 10.0**power / (20 * finer):.12g}") + 0.0

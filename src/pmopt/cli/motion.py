@@ -59,7 +59,9 @@ def motion_command(
         tables = [motion_run.motion_table(run)]
     if animate is not None and not run.infeasible:
         with progress_bar(quiet, f"frames {task.mechanism.name}", "frames") as progress:
-            picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
+            picture = animation.animate(
+                task.mechanism, run.motion, animate, rate, progress, task.config.gravity
+            )
         write_atomic(animate, picture)
         notify(f"written to {animate}")
     if form != "table":  # where they stand below it

@@ -154,9 +154,7 @@ def _catch_thin(field: Field, grid: _Grid, values: Array, axis: int, inside: boo
     if count < 3:
         return
     height = -values if inside else values
-    low, here, high = (
-        np.take(height, range(first, count - 2 + first), axis) for first in range(3)
-    )
+    low, here, high = (np.take(height, range(first, count - 2 + first), axis) for first in range(3))
     # A thin part holds at most one point of the line; 0 is in the set, and in no gap of it.
     alone = ((low <= 0) & (high <= 0)) if inside else ((low < 0) & (high < 0))
     rise = here - np.minimum(low, high)

@@ -38,10 +38,14 @@ def mechanism_document(m: Mechanism) -> dict[str, Any]:
         "freedom": m.freedom,
         "length_unit": m.length_unit,
         "limbs": [
-            {"name": x.name, "joints": x.joints, "joint_names": list(x.joint_names),
-             "description": x.description}
+            {
+                "name": x.name,
+                "joints": x.joints,
+                "joint_names": list(x.joint_names),
+                "description": x.description,
+            }
             for x in m.limbs
-        ],  # fmt: skip
+        ],
         "parameters": [
             {
                 "name": p.name,

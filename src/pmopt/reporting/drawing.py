@@ -278,6 +278,8 @@ def draw_frames(
         _set_box(figure, axes, mechanism, places, _FRAME_PAD)
         _write_beside(figure, axes, mechanism, scenes[0].chains,
                       pulled if mechanism.bodies(parameters) else None)  # fmt: skip
+        for one in _draw_frame(axes, mechanism):
+            axes.text(*(1.15 * one.place), one.text, fontsize=8, ha="center", va="center")
         for number, (scene, caption) in enumerate(zip(scenes, captions, strict=True)):
             for artist in [*axes.lines, *axes.collections]:
                 artist.remove()

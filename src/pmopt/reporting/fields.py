@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.aspects import determinants
 from pmopt.analysis.projection import reached_positions
-from pmopt.analysis.shape import lattice_points
 from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.numerics.cells import lattice_points
 from pmopt.reporting.surface import surface_nets
 
 Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -251,9 +251,9 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
     vertices, faces, points = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp), np.empty((0, 3))
     if design.box_volume > 0:
         sides = place.upper - lower
-        # Sides without a common scale are all drawn alike.
-        counts = cells * (sides / sides.max() if len(set(units)) == 1 else np.full(3, 2 / 3))
-        counts = np.ceil(np.maximum(counts, _LEAST_CELLS * cells)) + 1
+        # As they are drawn: the longest side of each unit alike.
+        longest = [max(s for s, u in zip(sides, units, strict=True) if u == unit) for unit in units]
+        counts = np.ceil(cells * np.maximum(sides / longest, _LEAST_CELLS)) + 1
         axes = [
             np.linspace(a, b, int(n)) for a, b, n in zip(lower, place.upper, counts, strict=True)
         ]
@@ -300,7 +300,7 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
     full = np.isfinite(best)
     axes = [lower[k] + step / _FINER * np.arange(_FINER * (n - 1) + 1)
             for k, n in enumerate(full.shape)]  # fmt: skip
-    ends = lower[1] + step * full.any(axis=(0, 2)).nonzero()[0][[0, -1]]
+    ends = lower[1] + step * np.flatnonzero(np.asarray(full.any(axis=(0, 2))))[[0, -1]]
     level = round_level(float(ends.mean()), max(float(np.ptp(ends)), step))
     # What is in front of the cut is left out.
     axes[1] = np.concatenate([[level], axes[1][axes[1] > level + step / 10]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -72,9 +73,7 @@ def surface_nets(field: Field, axes: Sequence[Array]) -> Net:
     grid = _Grid(axes)
     shape = tuple(len(axis) for axis in axes)
     values = field(np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])).reshape(shape)
-    for inside in (False, True):
-        for axis in range(3):
-            _catch_thin(field, grid, values, axis, inside)
+    _catch_thin(field, grid, values)
     # A rim of no width that lies outside closes the set exactly at the box's faces.
     members = np.pad(values >= 0, 1)
     cells = tuple(n - 1 for n in members.shape)
@@ -135,31 +134,65 @@ class _Grid:
         self._row[tuple(where)] = np.arange(start, start + points.shape[1])
         self._moved = np.concatenate([self._moved, points], axis=1)
 
-    def is_moved(self, where: _Indices) -> NDArray[np.bool_]:
-        """Return which points have moved."""
-        return np.asarray(self._row[tuple(where)] >= 0)
+    def near_moved(self, where: _Indices) -> NDArray[np.bool_]:
+        """Return which points or neighbours of theirs along an axis have moved."""
+        near = self._row[tuple(where)] >= 0
+        for axis, step in itertools.product(range(3), (-1, 1)):
+            other = [w + step * (k == axis) for k, w in enumerate(where)]
+            near |= self._row[tuple(other)] >= 0
+        return np.asarray(near)
 
 
-def _catch_thin(field: Field, grid: _Grid, values: Array, axis: int, inside: bool) -> None:
-    """Move points to where the field has an extreme of the other sign along one axis.
+def _catch_thin(field: Field, grid: _Grid, values: Array) -> None:
+    """Move points to where the field has an extreme of the other sign.
 
     Parameters
     ----------
     values : (nx, ny, nz) float64
         The field at the grid's points; kept true.
-    inside : bool
-        Of which points the neighbourhood is searched: of the set's, for gaps, or of the others.
+    """
+    sides = [
+        [_thin_along(field, grid, values, axis, inside) for axis in range(3)]
+        for inside in (False, True)
+    ]
+    for found in sides:
+        where, points, heights, rise = (
+            np.concatenate(part, axis=-1) for part in zip(*found, strict=True)
+        )
+        # Gaps have been searched for between points as they were.
+        kept = ~grid.near_moved(where)
+        # Of several moves of a point the one along which the field is steepest: across the part.
+        order = np.flatnonzero(kept)[np.argsort(-rise[kept], kind="stable")]
+        flat = np.ravel_multi_index(tuple(where[:, order] - 1), values.shape)
+        order = order[np.unique(flat, return_index=True)[1]]
+        grid.move(where[:, order], points[:, order])
+        values[tuple(where[:, order] - 1)] = heights[order]
+
+
+def _thin_along(
+    field: Field, grid: _Grid, values: Array, axis: int, inside: bool
+) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """Return points and where to move them along one axis, and how steep the field is there.
+
+    Returns
+    -------
+    where : (3, K) intp
+        In the grid with its rim.
+    points : (3, K) float64
+    heights, rise : (K,) float64
+        What the field is there, negative in gaps, and how it differs from the points beside.
     """
     count = values.shape[axis]
-    if count < 3:
-        return
     height = -values if inside else values
-    low, here, high = (np.take(height, range(first, count - 2 + first), axis) for first in range(3))
+    low, here, high = (
+        np.take(height, range(first, max(count - 2 + first, first)), axis) for first in range(3)
+    )
     # A thin part holds at most one point of the line; 0 is in the set, and in no gap of it.
     alone = ((low <= 0) & (high <= 0)) if inside else ((low < 0) & (high < 0))
     rise = here - np.minimum(low, high)
     top = alone & (here >= low) & (here >= high) & (rise > 0) & (here + _STEEP * rise >= 0)
-    tops = np.stack(np.nonzero(top)) + 1  # in the grid with its rim
+    tops = np.stack(np.nonzero(top)) + 1
+    moves = []
     for further in (0, 1):  # on either side of the top, where there may be one part each
         lower = tops.copy()
         lower[axis] += further
@@ -175,13 +208,16 @@ def _catch_thin(field: Field, grid: _Grid, values: Array, axis: int, inside: boo
         points[axis] += share * width
         # The nearest point moves, between two both do, so that the sheet hangs together where it
         # goes on between others; none on the box's faces leaves them.
-        for end, moves in ((0, share <= 1 - _NEAR), (1, share >= _NEAR)):
+        for end, near in ((0, share <= 1 - _NEAR), (1, share >= _NEAR)):
             where = lower.copy()
             where[axis] = np.clip(lower[axis] + end, 2, count - 1)
-            own = tuple(where - 1)
-            kept = moves & (best > 0) & ((values[own] >= 0) == inside) & ~grid.is_moved(where)
-            grid.move(where[:, kept], points[:, kept])
-            values[tuple(where[:, kept] - 1)] = -best[kept] if inside else best[kept]
+            kept = near & (best > 0) & ((values[tuple(where - 1)] >= 0) == inside)
+            moves.append(
+                (where[:, kept], points[:, kept], (-best if inside else best)[kept],
+                 rise[top][kept])
+            )  # fmt: skip
+    parts = [np.concatenate(part, axis=-1) for part in zip(*moves, strict=True)]
+    return parts[0], parts[1], parts[2], parts[3]
 
 
 def _highest(height: Field, count: int) -> tuple[Array, Array]:

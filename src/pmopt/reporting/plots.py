@@ -483,7 +483,7 @@ def _unscaled(
 ) -> list[str]:
     """Say which sides are drawn to different scales, nothing where none are."""
     scales: dict[str, set[float]] = {}
-    for scale, unit in zip((drawn / sides).ravel(), units, strict=True):
+    for scale, unit in zip((drawn / np.maximum(sides, 1e-300)).ravel(), units, strict=True):
         scales.setdefault(unit, set()).add(float(f"{scale:.9g}"))
     if any(len(found) > 1 for found in scales.values()):
         return [_NO_SCALE]

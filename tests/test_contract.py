@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import naive
 import numpy as np
@@ -116,6 +117,32 @@ def test_declarations(mechanism):
     ranges = mechanism.default_domain(mechanism.resolve({}))
     assert set(ranges) <= {c.name for c in mechanism.pose}
     assert all(low < high for low, high in ranges.values())
+
+
+def test_one_name_for_each_joint(mechanism):
+    """Joints are called alike in pictures, info, models and docs, and nothing else is."""
+    params = mechanism.resolve({})
+    coordinates = {c.name for c in (*mechanism.limited, *mechanism.parasitic)}
+    others = {p.name for p in mechanism.parameters}
+    assert not coordinates & others
+    driven = {c.name for c in mechanism.joints}
+    page = (Path(__file__).parents[1] / f"docs/mechanisms/{mechanism.name}.md").read_text()
+    seen = []
+    chains = mechanism.layout(params, mechanism.home(params), mechanism.working_modes[0])
+    for number, (limb, chain) in enumerate(zip(mechanism.limbs, chains, strict=True)):
+        assert len(limb.joint_names) == len(chain.joints)
+        for k, joint in enumerate(chain.joints):
+            name = mechanism.joint_name(number, k, joint.kind)
+            # Where a joint has one freedom it is called as its coordinate, so that limits can be.
+            single = joint.drive is not None and joint.kind in ("P", "R", "Pa")
+            assert name == joint.drive[0] if single else name not in driven
+            assert name in coordinates or re.fullmatch(rf"{joint.kind}_\w+", name)
+            assert re.search(rf"\b{name}\b", limb.description)
+            assert re.search(rf"\b{re.sub('[0-9]$', '', name)}", page)
+            seen.append(name)
+    assert len(set(seen)) == len(seen)
+    assert not set(seen) & others
+    assert set(mechanism.cones) <= set(seen)
 
 
 def test_every_measure_says_where_it_vanishes(mechanism):

@@ -233,7 +233,12 @@ def build_tree(
                 last = body.joint == len(chains[body.limb].joints) - 1
                 key = (PLATFORM, -1, "link") if last else key
             masses.setdefault(key, []).append(replace(body, centre=unit * np.asarray(body.centre)))
-    builder = _Builder(masses, sum(body.mass for body in bodies), (unit * centre, rotation), starts)
+    names = [
+        [mechanism.joint_name(limb, k, joint.kind) for k, joint in enumerate(chain.joints)]
+        for limb, chain in enumerate(chains)
+    ]
+    total = sum(body.mass for body in bodies)
+    builder = _Builder(masses, total, (unit * centre, rotation), starts, names)
     carrier = _carrier(mechanism, chains)
     ends = [_seat(chain.joints[-1], unit * centre) for chain in chains]
     points = np.array([j.point for chain in chains for j in chain.joints])
@@ -341,8 +346,10 @@ class _Builder:
         total: float,
         platform: Frame,
         starts: Mapping[str, float],
+        names: Sequence[Sequence[str]],
     ) -> None:
         self.masses = masses
+        self.names = names
         self.total = total
         self.frame = platform
         self.starts = starts
@@ -362,7 +369,7 @@ class _Builder:
             if k == last and not carries:
                 self._close(chain, joint, parent)
                 return
-            name = f"{chain.name}/{joint.kind}{k + 1}"
+            name = f"{chain.name}/{self.names[limb][k]}"
             freedoms = _freedoms(joint, name, self.starts)
             if joint.kind == "Pa":
                 self.opposite.append((freedoms[0].name, freedoms[1].name))

@@ -29,6 +29,9 @@ _POINTS_A_VOXEL = 24
 _MOST_VOXELS = 128
 #: Fewer reachable poses tell nothing of the positions.
 _LEAST_POSES = 8
+#: The same for a picture, whose holes by chance are closed, and the empty voxels around it.
+_POINTS_A_PICTURED = 6
+_MARGIN = 4
 #: Poses that a thread takes at once.
 _BATCH = 1 << 16
 #: Holes of so many voxels are taken for chance, larger ones for holes.
@@ -207,7 +210,16 @@ def area(corners: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Positions:
-    """The positions reached on voxels: ``best`` is the largest LCI met in each, NaN in none."""
+    """The positions reached on voxels, with an empty layer all around.
+
+    Attributes
+    ----------
+    lower : (3,) float64
+        Centre of the first voxel.
+    step : float
+    best : (nx, ny, nz) float64
+        The largest LCI met in and around each voxel, NaN where nothing is reached.
+    """
 
     lower: Vector
     step: float
@@ -215,7 +227,7 @@ class Positions:
 
 
 def reached_positions(
-    sweeper: Sweeper, design: Design, samples: int = PROJECTION_SAMPLES, most: int = 44
+    sweeper: Sweeper, design: Design, samples: int = PROJECTION_SAMPLES, most: int = 80
 ) -> Positions | None:
     """Return where the platform's centre, or the tool point, gets; None where it gets nowhere.
 
@@ -224,29 +236,55 @@ def reached_positions(
     sweeper : Sweeper
     design : Design
     samples : int
+        Of poses; up to eight times as many where few of them are reachable.
     most : int
-        Voxels along the longest side, fewer where samples are few.
+        Voxels along the longest side, fewer where positions are few.
     """
     points = sweeper.for_purpose(f"{sweeper.purpose}, positions").sequence(1)
-    poses, lci = reachable_poses(sweeper, design, points, 0, max(1, samples // BLOCK) * BLOCK)
-    places = sweeper.probe(design, poses).tool
+    count = max(1, samples // BLOCK) * BLOCK
+    found: list[tuple[NDArray[np.float64], Vector]] = []
+    known = 0
+    while known < samples // 4 and len(found) < 8:
+        first = len(found) * count
+        poses, lci = reachable_poses(sweeper, design, points, first, first + count)
+        found.append((sweeper.probe(design, poses).tool, lci))
+        known += len(lci)
+        if known == 0:
+            break
+    places = np.concatenate([part for part, _ in found])
+    lci = np.concatenate([part for _, part in found])
     if len(places) < _POINTS_A_VOXEL:
         return None
     lower, upper = places.min(axis=0), places.max(axis=0)
-    grid = int(np.clip((len(places) / _POINTS_A_VOXEL) ** (1 / 3) * 1.5, 6, most))
-    step = float((upper - lower).max()) / grid
-    if step == 0:
+    side = float((upper - lower).max())
+    if side == 0:
         return None
-    cells = np.floor((places - lower) / step).astype(np.int64)
-    best = np.full(cells.max(axis=0) + 1, -1.0)
+    # As fine as the positions leave it: what fills a part of its box has the more in each voxel.
+    grid = 6
+    for finer in range(8, most + 1, 4):
+        taken = np.zeros((finer + 1,) * 3, dtype=bool)
+        taken[tuple(np.floor((places - lower) * (finer / side)).astype(np.int64).T)] = True
+        if len(places) < _POINTS_A_PICTURED * np.count_nonzero(taken):
+            break
+        grid = finer
+    step = side / grid
+    # Whole steps from 0 on, so that a plane through voxels' centres has a round coordinate.
+    start = np.floor(lower / step + 0.5).astype(np.int64) - _MARGIN
+    cells = np.floor(places / step + 0.5).astype(np.int64) - start
+    best = np.full(cells.max(axis=0) + 1 + _MARGIN, -1.0)
     np.maximum.at(best, tuple(cells.T), lci)
-    # A hole of few voxels is one by chance: it takes its surroundings' value.
     from scipy import ndimage
 
-    full = occupied(places, lower, step)
-    around = ndimage.maximum_filter(best, 3)
-    best = np.where(best < 0, np.where(full, around, np.nan), best)
-    return Positions(lower, step, best)
+    # What chance has left out among what is reached is filled, and takes its surroundings' value.
+    ball = ndimage.iterate_structure(ndimage.generate_binary_structure(3, 1), 2)
+    full = ndimage.binary_closing(best >= 0, ball)
+    best = np.where(best < 0, ndimage.maximum_filter(best, 3), best)
+    # The largest of few values differs by chance from voxel to voxel: their mean is shown.
+    known_there = (full & (best >= 0)).astype(float)
+    weight = ndimage.gaussian_filter(known_there, 1.0)
+    mean = ndimage.gaussian_filter(np.where(known_there > 0, best, 0.0), 1.0)
+    best = np.where(full, mean / np.maximum(weight, 1e-12), np.nan)
+    return Positions(start * step, step, best)
 
 
 def occupied(

@@ -71,6 +71,8 @@ def motion_command(
             wanted(str(animate)),
             progress_bar(quiet, f"frames {task.mechanism.name}", "frames") as progress,
         ):
-            picture = animation.animate(task.mechanism, run.motion, animate, rate, progress)
+            picture = animation.animate(
+                task.mechanism, run.motion, animate, rate, progress, task.config.gravity
+            )
         write_atomic(animate, picture)
         notify(f"written to {animate}")

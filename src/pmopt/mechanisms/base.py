@@ -105,11 +105,24 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Limb:
-    """A limb: its joints from base to platform as a string (``P_a`` is a parallelogram)."""
+    """A limb.
+
+    Attributes
+    ----------
+    name : str
+    joints : str
+        From base to platform (``P_a`` is a parallelogram).
+    description : str
+        With the joints' names.
+    joint_names : tuple of str
+        What the joints are called everywhere: one that turns or slides in one way is called as its
+        coordinate is (``theta1``), others by kind and point (``U_C1``).
+    """
 
     name: str
     joints: str
     description: str
+    joint_names: tuple[str, ...] = ()
 
 
 JointKind = Literal["R", "P", "C", "U", "S", "Pa"]
@@ -514,6 +527,11 @@ class Mechanism(ABC):
         columns = np.array([length if c.kind == "angle" else 1.0 for c in self.joints])
         return rows, columns
 
+    def joint_name(self, limb: int, joint: int, kind: JointKind) -> str:
+        """Return the name of a joint, both counted from 0, or kind and numbers without one."""
+        given = self.limbs[limb].joint_names
+        return given[joint] if joint < len(given) else f"{kind}_{limb + 1}_{joint + 1}"
+
     @property
     def limited(self) -> tuple[Coordinate, ...]:
         """Coordinates that limits can be set on: actuated joints, then passive ones."""
@@ -629,6 +647,9 @@ class Mechanism(ABC):
         for group, what in places:
             if base not in allowed and base in [c.name for c in group]:
                 return InputError(f"{where}: {base} is {what}; here: {', '.join(allowed)}")
+        stem, _, limb = base.rpartition("_")
+        if limb.isdigit() and stem in allowed:
+            return InputError(f"{where}: {name} is {stem} of one limb; here {stem} is of all limbs")
         return unknown_name(where, name, allowed)
 
     def beyond_bounds(self, parameters: Mapping[str, Any], where: str) -> list[str]:

@@ -520,16 +520,19 @@ class Cur(Mechanism):
     )
     joints = tuple(Coordinate(f"h{k}", "length", f"height of slider {k}") for k in range(1, 4))
     passive = (
-        Coordinate("theta4", "angle", "second axis of each U joint"),
-        Coordinate("theta5", "angle", "each R joint at the platform"),
-        Coordinate("elevation", "angle", "each link above the horizontal"),
+        Coordinate("theta4", "angle", "second axis of each U_C; by limb theta4_1 .. theta4_3"),
+        Coordinate("theta5", "angle", "each R_B; by limb theta5_1 .. theta5_3"),
+        Coordinate("elevation", "angle", "each link above the horizontal; by limb elevation_1 .."),
     )
     limbs = tuple(
         Limb(
-            f"limb {k}", "CUR", f"C on column {k} (sliding actuated), U on the slider, R tangential"
+            f"limb {k}", "CUR",
+            f"C_A{k} on column {k} (sliding by h{k} actuated), U_C{k} on the slider, "
+            f"R_B{k} tangential",
+            (f"C_A{k}", f"U_C{k}", f"R_B{k}"),
         )
         for k in range(1, 4)
-    )
+    )  # fmt: skip
     layouts = {  # noqa: RUF012  # declared as a mapping that is not changed
         "literal": "the paper's D-H table read literally, theta4 = 0: a 3-CRR"
     }
@@ -559,7 +562,7 @@ class Cur(Mechanism):
     }
     segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2)
-    cones = ("U1", "U2", "U3")
+    cones = ("U_C1", "U_C2", "U_C3")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return Rb."""

@@ -241,10 +241,21 @@ class PauuPpap(Mechanism):
         Coordinate("d", "length", "slider of limb 3"),
     )
     limbs = (
-        Limb("limb 1", "P_aUU", "crank parallelogram (actuated, axes along y), U at C1, U at D1"),
-        Limb("limb 2", "P_aUU", "crank parallelogram (actuated, axes along y), U at C2, U at D2"),
-        Limb("limb 3", "PP_aP", "slider along y (actuated), parallelogram in xz, slider along x"),
-    )
+        *(
+            Limb(
+                f"limb {k}", "P_aUU",
+                f"crank parallelogram theta{k} (actuated, axes along y), U_C{k} at C{k}, "
+                f"U_D{k} at D{k}",
+                (f"theta{k}", f"U_C{k}", f"U_D{k}"),
+            )
+            for k in (1, 2)
+        ),
+        Limb(
+            "limb 3", "PP_aP",
+            "slider d along y (actuated), parallelogram Pa_3 in xz, slider P_3 along x",
+            ("d", "Pa_3", "P_3"),
+        ),
+    )  # fmt: skip
     conditions: ClassVar[Mapping[str, str]] = {
         "inverse": "u_i . e_i = 0: crank and link in line as seen along y",
         "forward": "u1x u2z = u1z u2x: both links parallel as seen along y",

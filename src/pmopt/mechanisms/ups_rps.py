@@ -255,8 +255,10 @@ class UpsRps(Mechanism):
     parasitic = (Coordinate("z", "length", "across; r cos(beta) cos(gamma)"),)
     joints = tuple(Coordinate(f"l{k}", "length", f"length of limb {k}") for k in range(1, 6))
     limbs = (
-        Limb("limb 1", "RPS", "R at T1 along z, prismatic joint (actuated), S at S1"),
-        *(Limb(f"limb {k}", "UPS", f"U at T{k}, prismatic joint (actuated), S at S{k}")
+        Limb("limb 1", "RPS", "R_T1 at T1 along z, telescope l1 (actuated), S_S1 at S1",
+             ("R_T1", "l1", "S_S1")),
+        *(Limb(f"limb {k}", "UPS", f"U_T{k} at T{k}, telescope l{k} (actuated), S_S{k} at S{k}",
+               (f"U_T{k}", f"l{k}", f"S_S{k}"))
           for k in range(2, 6)),
     )  # fmt: skip
     conditions: ClassVar[Mapping[str, str]] = {
@@ -278,7 +280,7 @@ class UpsRps(Mechanism):
     assembler = Assembler(rps_assemble, rps_MODES, 8, rps_WORK)
     completeness = "the real ends of 18 paths and their mirror images; that they are all is checked"
     down = (1.0, 0.0, 0.0)
-    cones = ("U2", "U3", "U4", "U5", "S1", "S2", "S3", "S4", "S5")
+    cones = (*(f"U_T{k}" for k in range(2, 6)), *(f"S_S{k}" for k in range(1, 6)))
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return r."""

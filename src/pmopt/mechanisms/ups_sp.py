@@ -240,11 +240,18 @@ class UpsSp(Mechanism):
         Coordinate("l4", "length", "length of limb 4"),
     )
     limbs = (
-        Limb("limb 1", "UPS", "U at A1, prismatic joint (actuated), S at B1"),
-        Limb("limb 2", "UPS", "U at A2, prismatic joint (actuated), S at B2"),
-        Limb("limb 3", "UPS", "U at A3, prismatic joint (actuated), S at B3"),
-        Limb("limb 4", "SP", "S at A4, prismatic joint (actuated) across the platform"),
-    )
+        *(
+            Limb(
+                f"limb {k}", "UPS", f"U_A{k} at A{k}, telescope l{k} (actuated), S_B{k} at B{k}",
+                (f"U_A{k}", f"l{k}", f"S_B{k}"),
+            )
+            for k in range(1, 4)
+        ),
+        Limb(
+            "limb 4", "SP", "S_A4 at A4, telescope l4 (actuated) across the platform",
+            ("S_A4", "l4"),
+        ),
+    )  # fmt: skip
     conditions: ClassVar[Mapping[str, str]] = {
         "inverse": "l_i = 0: beyond every stroke",
         "forward": "the moments of limbs 1, 2 and 3 about A4 are dependent: they do not hold all "
@@ -263,7 +270,7 @@ class UpsSp(Mechanism):
     roles = ("yaw", "pitch", "roll", "l4")
     assembler = Assembler(sp_assemble, sp_MODES, 6, sp_WORK)
     completeness = "by a polynomial of degree 8, whose real roots are counted"
-    cones = ("U1", "U2", "U3", "S1", "S2", "S3", "S4")
+    cones = ("U_A1", "U_A2", "U_A3", "S_B1", "S_B2", "S_B3", "S_A4")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return a / sqrt 2."""

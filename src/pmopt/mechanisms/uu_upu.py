@@ -682,10 +682,15 @@ class UuUpu(Mechanism):
         Coordinate("psi", "angle", "turn of the platform about P2P3"),
     )
     limbs = (
-        Limb("limb 1", "UPS", "U at B1 (first axis along y, actuated), slider, S at P1"),
-        Limb("limb 2", "UU", "U at B2 (first axis along B2B3, actuated), U at P2"),
-        Limb("limb 3", "UU", "U at B3 (second axis normal to the limb plane, actuated), U at P3"),
-    )
+        Limb("limb 1", "UPS",
+             "U_B1 at B1 (first axis along y, theta1, actuated), telescope l1, S_P1 at P1",
+             ("U_B1", "l1", "S_P1")),
+        Limb("limb 2", "UU", "U_B2 at B2 (first axis along B2B3, phi, actuated), U_P2 at P2",
+             ("U_B2", "U_P2")),
+        Limb("limb 3", "UU",
+             "U_B3 at B3 (second axis normal to the limb plane, delta3, actuated), U_P3 at P3",
+             ("U_B3", "U_P3")),
+    )  # fmt: skip
     layouts: ClassVar[Mapping[str, str]] = {
         "paper": "2UU-UPU as the paper names it: first and last axes radial, the others across "
         "the links, platform centred; free at that pose only"
@@ -720,7 +725,7 @@ class UuUpu(Mechanism):
     }
     segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
     spokes = (0, 1, 2)
-    cones = ("S1", "U2", "U3")
+    cones = ("S_P1", "U_P2", "U_P3")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return R = ps / sqrt 3."""

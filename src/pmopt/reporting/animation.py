@@ -53,6 +53,7 @@ def animate(
     path: Path,
     fps: float = DEFAULT_FPS,
     progress: Callable[[int, int], None] | None = None,
+    gravity: Sequence[float] | None = None,
 ) -> bytes:
     """Draw a motion in real time.
 
@@ -67,6 +68,8 @@ def animate(
         Frames a second.
     progress : callable, optional
         Receives the frames drawn and their number.
+    gravity : (3,) of float, optional
+        In the base frame; default: as the mechanism stands.
 
     Returns
     -------
@@ -94,7 +97,7 @@ def animate(
     poses = [dict(zip(names, map(float, motion.pose.values[k]), strict=True)) for k in chosen]
     captions = [f"t = {float(motion.t[k]):.2f} s, working mode {motion.working_mode}"
                 for k in chosen]  # fmt: skip
-    frames = draw_frames(mechanism, motion.params, poses, captions, motion.working_mode)
+    frames = draw_frames(mechanism, motion.params, poses, captions, motion.working_mode, gravity)
 
     def counted() -> Iterator[Frame]:
         for number, frame in enumerate(frames, start=1):

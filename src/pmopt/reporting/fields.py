@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.aspects import determinants
 from pmopt.analysis.projection import reached_positions
-from pmopt.analysis.shape import grid_points
 from pmopt.analysis.sweeper import Design, Sweeper
+from pmopt.numerics.cells import lattice_points
 from pmopt.reporting.surface import surface_nets
 
 Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Grid on which the workspace is located within its box; odd, so that a plane is in the middle.
 _LOCATE = 97
+#: Located again where it fills less than this share of the box's side, at most so often in all.
+_CLOSER, _MOST_CLOSER = 0.3, 3
 _MOST_SECTIONS = 6
 #: A workspace counts as symmetric if mirrored areas differ by less than this share of it.
 _SYMMETRIC = 0.02
@@ -27,6 +29,8 @@ _SYMMETRIC = 0.02
 _INFORMATIVE = 0.5
 #: A cut leaves at least this share of the width on either side, else nothing is cut away.
 _CUT_MARGIN = 0.1
+#: Grid cells along a voxel where a set is known by voxels.
+_FINER = 2
 #: Least grid cells along a short side, as a share of those along the longest.
 _LEAST_CELLS = 0.25
 
@@ -247,13 +251,14 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
     vertices, faces, points = np.empty((0, 3)), np.empty((0, 4), dtype=np.intp), np.empty((0, 3))
     if design.box_volume > 0:
         sides = place.upper - lower
-        # Sides without a common scale are all drawn alike.
-        counts = cells * (sides / sides.max() if len(set(units)) == 1 else np.full(3, 2 / 3))
-        counts = np.ceil(np.maximum(counts, _LEAST_CELLS * cells)) + 1
+        # As they are drawn: the longest side of each unit alike.
+        longest = [max(s for s, u in zip(sides, units, strict=True) if u == unit) for unit in units]
+        counts = np.ceil(cells * np.maximum(sides / longest, _LEAST_CELLS)) + 1
         axes = [
             np.linspace(a, b, int(n)) for a, b, n in zip(lower, place.upper, counts, strict=True)
         ]
-        vertices, faces, points = surface_nets(lambda p: _inside(sweeper, design, p)[0] >= 0, axes)
+        net = surface_nets(lambda p: _inside(sweeper, design, p)[0], axes)
+        vertices, faces, points = net.vertices, net.faces, net.crossings
     return SurfaceMesh(
         names=tuple(c.name for c in mechanism.pose),
         units=units,
@@ -265,7 +270,9 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
 
 
 def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
-    """Return the positions reached as voxels, cut open, with the largest LCI met in each.
+    """Return the surface of the positions reached, cut open, with the largest LCI met there.
+
+    Known by voxels, it is smoothed over about one.
 
     None for a mechanism whose pose is a position: its workspace shows them.
 
@@ -289,35 +296,37 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
     if found is None:
         return nothing
     lower, step = found.lower[order], found.step
-    best = np.pad(found.best.transpose(order), 1, constant_values=np.nan)
-    half = (best.shape[1] - 2) // 2
-    level = float(lower[1] + half * step)
-    best[:, : half + 1] = np.nan  # what is in front of the cut
+    best = found.best.transpose(order)
     full = np.isfinite(best)
-    quads, colours = [], []
-    for axis, direction in itertools.product(range(3), (-1, 1)):
-        bare = np.argwhere(full & ~np.roll(full, -direction, axis))
-        corner = bare - 1.0
-        corner[:, axis] += direction > 0
-        along, across = (axis + 1) % 3, (axis + 2) % 3
-        ring = []
-        for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
-            point = corner.copy()
-            point[:, along] += u
-            point[:, across] += v
-            ring.append(point)
-        quads.append(np.stack(ring if direction > 0 else ring[::-1], axis=1))
-        colours.append(best[tuple(bare.T)])
-    vertices = lower + step * np.concatenate(quads).reshape(-1, 3)
+    axes = [lower[k] + step / _FINER * np.arange(_FINER * (n - 1) + 1)
+            for k, n in enumerate(full.shape)]  # fmt: skip
+    ends = lower[1] + step * np.flatnonzero(np.asarray(full.any(axis=(0, 2))))[[0, -1]]
+    level = round_level(float(ends.mean()), max(float(np.ptp(ends)), step))
+    # What is in front of the cut is left out.
+    axes[1] = np.concatenate([[level], axes[1][axes[1] > level + step / 10]])
+    from scipy import ndimage
+
+    # Smoothed, steps of voxels become a surface; the second term keeps sheets of one voxel.
+    wide, narrow = (ndimage.gaussian_filter(full.astype(float), s) for s in (1.0, 0.5))
+    smooth = np.maximum(wide, 0.75 * narrow) - 0.5
+
+    def sampled(values: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        place = (points - lower[:, None]) / step
+        return np.asarray(ndimage.map_coordinates(values, place, order=1, mode="nearest"))
+
+    net = surface_nets(lambda p: sampled(smooth, p), axes)
+    # The surface passes between voxels reached and others: these take the nearest one's value.
+    around = ndimage.distance_transform_edt(~full, return_distances=False, return_indices=True)
+    lci = sampled(best[tuple(around)], net.crossings.T)
     return SurfaceMesh(
-        names, units, vertices, np.arange(len(vertices)).reshape(-1, 4), np.concatenate(colours),
-        plane(names[1], float(f"{level:.4g}"), units[1]), downwards,
+        names, units, net.vertices, net.faces, lci,
+        plane(names[1], level, units[1]), downwards,
     )  # fmt: skip
 
 
 def plane(name: str, level: float, unit: str) -> str:
     """Return what a plane is called."""
-    return f"{name} = {level:.8g} {unit}"
+    return f"{name} = {level:.6g} {unit}"
 
 
 def _inside(
@@ -326,33 +335,37 @@ def _inside(
     """Return a field that is >= 0 where margin and LCI allow a pose, and the LCI."""
     margin, lci = sweeper.field(design, poses)
     least = sweeper.settings.min_lci
-    if least == 0 or margin.size == 0:
+    if least == 0:
         return margin, lci
-    # Scaled, neither part dominates where the field is interpolated.
-    return np.minimum(margin / np.abs(margin).max(), lci - least), lci
+    # As large as the margin, neither part dominates where the field is interpolated; the size is
+    # the same wherever it is asked for.
+    return np.minimum(margin, float(design.width.max()) * (lci - least)), lci
 
 
 def _locate(sweeper: Sweeper, design: Design) -> _Location:
     """Find what is reachable within a design's box."""
     lower, upper = design.lower, design.lower + design.width
-    middle = (lower + upper) / 2
-    reachable = np.zeros((_LOCATE,) * 3, dtype=bool)
-    if design.box_volume > 0:
-        inside, _ = _inside(sweeper, design, grid_points(design, _LOCATE))
-        reachable = (inside >= 0).reshape(reachable.shape)
-    if not reachable.any():
-        return _Location(lower, upper, tuple(middle.tolist()))
-    first, last = np.empty(3), np.empty(3)
-    levels = []
-    for k in range(3):
-        areas = reachable.sum(axis=tuple(i for i in range(3) if i != k)).astype(float)
-        planes = np.linspace(lower[k], upper[k], _LOCATE)
-        some = np.flatnonzero(areas)
-        # The boundary lies up to a step beyond the outermost reachable points.
-        first[k] = planes[max(some[0] - 1, 0)]
-        last[k] = planes[min(some[-1] + 1, _LOCATE - 1)]
-        levels.append(_level(planes, areas))
-    return _Location(first, last, tuple(levels))
+    place = _Location(lower, upper, tuple(((lower + upper) / 2).tolist()))
+    for _ in range(_MOST_CLOSER if design.box_volume > 0 else 0):
+        axes = np.linspace(place.lower, place.upper, _LOCATE, axis=1)
+        inside, _ = _inside(sweeper, design, lattice_points(axes))
+        reachable = (inside >= 0).reshape((_LOCATE,) * 3)
+        if not reachable.any():
+            break
+        first, last = np.empty(3), np.empty(3)
+        levels = []
+        for k, planes in enumerate(axes):
+            areas = reachable.sum(axis=tuple(i for i in range(3) if i != k)).astype(float)
+            some = np.flatnonzero(areas)
+            # The boundary lies up to a step beyond the outermost reachable points.
+            first[k] = planes[max(some[0] - 1, 0)]
+            last[k] = planes[min(some[-1] + 1, _LOCATE - 1)]
+            levels.append(_level(planes, areas))
+        wide = place.upper - place.lower
+        place = _Location(first, last, tuple(levels))
+        if ((last - first) > _CLOSER * wide).all():
+            break
+    return place
 
 
 def _level(planes: NDArray[np.float64], areas: NDArray[np.float64]) -> float:
@@ -360,13 +373,21 @@ def _level(planes: NDArray[np.float64], areas: NDArray[np.float64]) -> float:
 
     A plane that meets little of the workspace gives way to the one that meets most.
     """
-    step = 10.0 ** math.floor(math.log10(planes[-1] - planes[0])) / 20
+    first, last = float(planes[0]), float(planes[-1])
     largest = float(planes[np.argmax(areas)])
     if np.abs(areas - areas[::-1]).sum() <= _SYMMETRIC * areas.sum():
-        level = float(planes[0] + planes[-1]) / 2
+        level = (first + last) / 2
     else:
-        level = round(float((planes * areas).sum() / areas.sum()) / step) * step
-    for choice in (level, round(largest / step) * step):
+        level = float((planes * areas).sum() / areas.sum())
+    for choice in (round_level(level, last - first), round_level(largest, last - first)):
         if np.interp(choice, planes, areas) >= _INFORMATIVE * areas.max():
             return choice
-    return largest
+    return round_level(largest, last - first, 100)
+
+
+def round_level(value: float, width: float, finer: int = 1) -> float:
+    """Return a value rounded to a twentieth of the power of ten below a width, or finer."""
+    power = math.floor(math.log10(width))
+    # Divided by a whole number, or by a power of ten, it has few digits as text too.
+    steps = round(value * 20 * finer / 10.0**power)
+    return float(f"{steps * 10.0**power / (20 * finer):.12g}") + 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from pmopt.reporting.canvas import (
 )
 from pmopt.reporting.chart_text import Heading, heading, name_axis
 from pmopt.reporting.fields import Section, SurfaceMesh
-from pmopt.units import ONE
+from pmopt.units import ONE, pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +44,8 @@ _VIEW = (24.0, -66.0)
 #: Towards the light, and the outward normal of the cut, which keeps the colours of the scale.
 _LIGHT = np.array([0.35, -0.45, 0.82])
 _CUT = np.array([0.0, -1.0, 0.0])
+#: Points between tick labels and names of axes in three dimensions.
+_PAD = 9.0
 #: Largest ratio of sides that are drawn to one scale.
 _MOST_SLENDER = 12.0
 _BINS = 100
@@ -77,11 +80,12 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         true = high - low
         sides = _sides(true, mesh.units)
         told = [*remarks, *([f"cut at {mesh.cut}"] if mesh.cut else [])]
-        told += [] if sides is true else [_NO_SCALE]
+        told += _unscaled(true, sides, mesh.units)
         axes.set_box_aspect(sides)
         for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
             getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
             axis.set_label_text(label(mesh.names[k], mesh.units[k]))
+            axis.labelpad = _PAD
             count = 1 + round(7 * sides[k] / sides.max())
             ticks = MaxNLocator(count, steps=_STEPS, min_n_ticks=1)
             places = ticks.tick_values(low[k], high[k])
@@ -92,6 +96,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         if mesh.downwards:
             axes.invert_zaxis()
         fit_axes(figure, axes, (0.02, 0.07, 0.84, 0.8))
+        mesh = _facing(axes, mesh)
         quads = mesh.vertices[mesh.faces]
         scale = index_scale(mesh.lci)
         light = _LIGHT * [1.0, 1.0, -1.0 if mesh.downwards else 1.0]
@@ -147,8 +152,9 @@ def section_panels(
     width and remarks about the scale.
     """
     true = np.array([[np.ptp(s.horizontal), np.ptp(s.vertical)] for s in sections])
-    sides = _sides(true, [unit for s in sections for unit in s.units])
-    remarks = [] if sides is true else [_NO_SCALE]
+    units = [unit for s in sections for unit in s.units]
+    sides = _sides(true, units)
+    remarks = _unscaled(true, sides, units)
     sides = sides * min(9.3 / sides[:, 0].sum(), 3.4 / sides[:, 1].max())
     left, bottom, gap, tallest = 0.8, 0.75, 0.85, sides[:, 1].max()
     width = left + sides[:, 0].sum() + gap * len(sides) + 0.6
@@ -331,6 +337,20 @@ def _rows(spans: Sequence[tuple[float, float]]) -> list[int]:
     return rows
 
 
+def _facing(axes: Any, mesh: SurfaceMesh) -> SurfaceMesh:
+    """Leave out faces of a closed surface that look away from the reader: they are hidden.
+
+    Left in, they would shine through thin parts, whose sides are drawn by their depth.
+    """
+    from mpl_toolkits.mplot3d import proj3d
+
+    flat = proj3d.proj_transform(*mesh.vertices.T, axes.get_proj())
+    x, y = (np.asarray(v)[mesh.faces] for v in flat[:2])
+    turn = (x[:, 2] - x[:, 0]) * (y[:, 3] - y[:, 1]) - (y[:, 2] - y[:, 0]) * (x[:, 3] - x[:, 1])
+    front = turn < 0 if axes.zaxis_inverted() else turn > 0
+    return replace(mesh, faces=mesh.faces[front], lci=mesh.lci[front])
+
+
 def _shade(
     colours: NDArray[np.float64], quads: NDArray[np.float64], towards: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -343,10 +363,26 @@ def _shade(
 
 
 def _sides(sides: NDArray[np.float64], units: Sequence[str]) -> NDArray[np.float64]:
-    """Return the sides to draw: as they are, or all alike where one scale would not do.
+    """Return the sides to draw: those with one unit to one scale, else all alike.
 
-    Lengths and angles have none in common; slender boxes would be too thin to see.
+    Lengths and angles have no scale in common: the longest side of each unit is drawn alike, and
+    what is too slender to be seen is drawn as long.
     """
-    if len(set(units)) > 1 or sides.max() > _MOST_SLENDER * sides.min():
-        return np.ones_like(sides)
-    return sides
+    flat, drawn = sides.ravel(), np.ones(sides.size)
+    for unit in dict.fromkeys(units):
+        own = np.array([u == unit for u in units])
+        if flat[own].max() <= _MOST_SLENDER * flat[own].min():
+            drawn[own] = flat[own] / flat[own].max()
+    return drawn.reshape(sides.shape)
+
+
+def _unscaled(
+    sides: NDArray[np.float64], drawn: NDArray[np.float64], units: Sequence[str]
+) -> list[str]:
+    """Say which sides are drawn to different scales, nothing where none are."""
+    scales: dict[str, set[float]] = {}
+    for scale, unit in zip((drawn / np.maximum(sides, 1e-300)).ravel(), units, strict=True):
+        scales.setdefault(unit, set()).add(float(f"{scale:.9g}"))
+    if any(len(found) > 1 for found in scales.values()):
+        return [_NO_SCALE]
+    return [f"{' and '.join(map(pretty, scales))} not to one scale"] if len(scales) > 1 else []

@@ -38,7 +38,13 @@ def mechanism_document(m: Mechanism) -> dict[str, Any]:
         "freedom": m.freedom,
         "length_unit": m.length_unit,
         "limbs": [
-            {"name": x.name, "joints": x.joints, "description": x.description} for x in m.limbs
+            {
+                "name": x.name,
+                "joints": x.joints,
+                "joint_names": list(x.joint_names),
+                "description": x.description,
+            }
+            for x in m.limbs
         ],
         "parameters": [
             {

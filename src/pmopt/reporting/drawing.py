@@ -19,6 +19,7 @@ from pmopt.reporting.canvas import (
     parameter_text,
     to_picture,
 )
+from pmopt.reporting.chart_text import LINES
 
 #: Marker of each kind of joint.
 _MARKERS = {"R": "o", "P": "s", "C": "h", "U": "D", "S": "P", "Pa": "^"}
@@ -27,7 +28,7 @@ _NAMES = {
     "Pa": "parallelogram",
 }  # fmt: skip
 #: Of limbs, that the colour-blind tell apart (M. Okabe, K. Ito, 2008).
-_LIMBS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_LIMBS = LINES[:6]
 _PATH = "#D55E00"
 _PLATFORM = "#c9ced6"
 #: Elevation and azimuth of the view in degrees.

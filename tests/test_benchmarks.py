@@ -39,6 +39,7 @@ def test_sweep_runs():
     assert re.search(r"^pmopt, 1 thread +[\d.]+ +[\d.]+ +[\d.]+ +1\.00$", text, re.M)
 
 
+@pytest.mark.slow
 def test_dynamics_runs():
     text = run("dynamics.py", "--instants", 500, "--pairs", 1, "3-cur-eq16")
     assert "errors below 1e-06 %" in text
@@ -61,6 +62,7 @@ def test_fidelity_runs():
 
 @needs_gcc
 @pytest.mark.parametrize("name", names())
+@pytest.mark.slow
 def test_kernels_run(name):
     """The reference of every mechanism gives the same sums."""
     text = run("kernels.py", name, "--points", 20_000, "--pairs", 2)

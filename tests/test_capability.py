@@ -30,6 +30,7 @@ def directions(mechanism, speed, turn, count, rng):
 
 
 @pytest.mark.parametrize("name", MOVED)
+@pytest.mark.slow
 def test_no_direction_asks_for_more_and_some_for_nearly_as_much(name):
     mechanism = find(name)
     parameters = mechanism.resolve({})

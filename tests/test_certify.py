@@ -610,6 +610,7 @@ INSIDE = {
 
 @pytest.mark.parametrize("norm", ["2", "fro"])
 @pytest.mark.parametrize("name", INSIDE)
+@pytest.mark.slow
 def test_bounds_of_the_index_hold_what_is_sampled(name, norm):
     """The sampled extremes lie between the outer bounds, and do not contradict the inner ones."""
     domain = INSIDE[name]

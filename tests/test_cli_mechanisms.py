@@ -74,6 +74,7 @@ def test_inverse_forward_and_jacobian_agree(mechanism, tmp_path):
     assert document["working_modes"] == list(mechanism.working_modes)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_from_a_process(mechanism, tmp_path):
     for args in (
         ("mobility", mechanism.name, "--samples", "4"),

@@ -183,6 +183,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.slow
 def test_search_on_a_cluster_is_the_same(client, tmp_path, name):
     config = resolve_config({**PARETO, **CHANGES[name]}, "x")
     places = {"one": {"threads": 1}, "two": {"threads": 2}, "far": {"cluster": client}}

@@ -287,12 +287,13 @@ def test_margin_is_the_limits_of_inverse(name, mode):
         cases.append({joint.name: (low, high)})
         if joint.kind == "angle":  # counts modulo a turn
             cases.append({joint.name: (low + 2 * math.pi, high + 2 * math.pi)})
-    for limits in cases:
+    poses = random_poses(mechanism, params, 140, margin=0.1) + near
+    solved = [{s.working_mode: s for s in mechanism.inverse(params, pose)} for pose in poses]
+    for number, limits in enumerate(cases):
         constants = ready(mechanism, params, mode, 1.0, limits)
         merged = {**mechanism.default_limits(params), **limits}
         seen = 0
-        for pose in random_poses(mechanism, params, 140, margin=0.1) + near:
-            solutions = {s.working_mode: s for s in mechanism.inverse(params, pose)}
+        for count, (pose, solutions) in enumerate(zip(poses, solved, strict=True)):
             inside = mode in solutions and mechanism.admits(params, pose)
             if inside:
                 values = {**solutions[mode].passive, **solutions[mode].joints}
@@ -305,7 +306,7 @@ def test_margin_is_the_limits_of_inverse(name, mode):
                 )
             assert (mechanism.kernel(*pose.values(), constants)[0] >= 0) == inside
             seen += inside
-            if mode in solutions:
+            if mode in solutions and (count + number) % 5 == 0:  # slow, and the same for all
                 every = {c.name: merged[c.name] for c in mechanism.limited if c.name in merged}
                 (told,) = inverse_kinematics(mechanism, params, pose, mode, every).within_limits
                 assert told == inside

@@ -244,6 +244,7 @@ def test_no_other_solution_in_any_mode(params):
 
 @pytest.mark.parametrize("params", DESIGNS)
 @pytest.mark.parametrize("mode", SIGNS)
+@pytest.mark.slow
 def test_nothing_is_lost_on_the_way_from_level(params, mode):
     """Rays of tilt followed in small steps by scipy, until a link comes within 2 degrees of flat.
 

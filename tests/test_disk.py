@@ -127,6 +127,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(folder)], check=True)
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full(home, small_disk):
     """As a process; with more room it goes on to the bytes of a run in one go."""
     long = SEARCH.replace("generations = 3", "generations = 200")
@@ -188,6 +189,7 @@ def test_output_that_does_not_fit(tmp_path, words):
     assert "No space left on device" in error_line(result, code=1)
 
 
+@pytest.mark.slow
 def test_no_output_at_all(tmp_path):
     """A run whose output is closed still writes its folder."""
     command = f"{shlex.join(COMMAND)} workspace {MECH} --samples 1000 --out run --quiet >&-"

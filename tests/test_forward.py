@@ -222,6 +222,7 @@ def test_machine_code_has_the_digits_of_the_text(name):
 
 
 @pytest.mark.parametrize("name", names())
+@pytest.mark.slow
 def test_kept_machine_code_runs_in_another_process(name, tmp_path):
     """Loaded without numba, it refers to nothing of it."""
     mechanism = find(name)

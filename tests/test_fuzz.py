@@ -156,6 +156,7 @@ def kept():
 
 @FEW
 @given(st.sampled_from(sorted(RUNS)), st.data())
+@pytest.mark.slow
 def test_checkpoints(kept, command, data):
     checkpoints((command, data), kept)
 
@@ -168,28 +169,33 @@ def test_poses(example):
 
 @FEW
 @given(fuzzing.workspace_commands(wide=False))
+@pytest.mark.slow
 def test_workspaces(words):
     workspaces(words)
 
 
 @settings(FEW, max_examples=60)
 @given(fuzzing.search_configs(wide=False))
+@pytest.mark.slow
 def test_searches(raw):
     searches(raw)
 
 
 @FEW
 @given(fuzzing.motion_configs(wide=False))
+@pytest.mark.slow
 def test_motions(example):
     motions(example)
 
 
 @settings(FEW, max_examples=60)
 @given(fuzzing.capability_commands(wide=False))
+@pytest.mark.slow
 def test_capabilities(words):
     capabilities(words)
 
 
+@pytest.mark.slow
 def test_as_processes(tmp_path):
     """What only a process can be given: bytes that are no text, and an environment of its own."""
     (tmp_path / "input.toml").write_bytes(b'mechanism = "\xff"\n')

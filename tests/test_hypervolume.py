@@ -42,6 +42,7 @@ def union(values, reference, senses):
 
 
 @pytest.mark.parametrize("seed", KNOWN)
+@pytest.mark.slow
 def test_runs_of_other_seeds_are_measured_alike(seed, tmp_path):
     run = api.pareto(changed(algorithm={"seed": seed}), tmp_path / "run")
     manifest = json.loads((tmp_path / "run/manifest.json").read_text())
@@ -97,6 +98,7 @@ def test_the_default_is_the_problem_s(tmp_path):
     assert np.abs(inner.mean(axis=0) - 0.5).max() < 1e-2
 
 
+@pytest.mark.slow
 def test_a_reference_that_leaves_designs_out_says_so(tmp_path):
     lines = []
     from pmopt.reporting.pareto_run import run_pareto

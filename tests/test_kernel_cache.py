@@ -163,10 +163,12 @@ def unedited():
 
 
 @pytest.mark.parametrize("name", EDITS)
+@pytest.mark.slow
 def test_an_edit_in_any_kernel_file_is_another_folder(unedited, tmp_path, name):
     """In a copy of the package, in a process of its own."""
     shutil.copytree(SOURCE, tmp_path / "pmopt", ignore=shutil.ignore_patterns("__pycache__"))
-    assert folders_of(tmp_path) == unedited  # a place is no edit
+    if name == "numerics/sweep.py":
+        assert folders_of(tmp_path) == unedited  # a place is no edit
     path, (old, new) = tmp_path / "pmopt" / name, EDITS[name]
     text = path.read_text(encoding="utf-8")
     assert old in text
@@ -243,6 +245,7 @@ def begin(cache):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_full_disk_under_the_cache(tmp_path):
     """A process whose cache holds 8 kB gives the same numbers."""
     folder = tmp_path / "cache"
@@ -263,6 +266,7 @@ def test_a_full_disk_under_the_cache(tmp_path):
         subprocess.run(["umount", str(folder)], check=True)
 
 
+@pytest.mark.slow
 def test_processes_that_begin_at_once(tmp_path):
     """Four on an empty cache: the same numbers, and a cache that the next one takes whole."""
     answers = [process.communicate() for process in [begin(tmp_path) for _ in range(4)]]

@@ -150,6 +150,7 @@ def test_projected_volume_of_translations_is_the_volume():
         assert found.volume.error < 0.1 * exact
 
 
+@pytest.mark.slow
 def test_footprint_of_few_samples_is_that_of_many(mechanism):
     """Hulls of few points are too small; what they miss is told."""
     params = mechanism.resolve({})

@@ -341,6 +341,7 @@ def wait_for_generation(process, folder, number):
     assert path.exists(), process.communicate()[1]
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(long_run, tmp_path):
     """Kills while it starts, searches, writes a checkpoint, measures, and writes its files."""
     folder = tmp_path / "run"

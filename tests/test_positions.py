@@ -100,6 +100,7 @@ def test_search_finds_what_a_scan_of_the_fibre_finds(name, scan, settings):
 
 
 @pytest.mark.parametrize("name", ["3-cur", "3-ups-sp", "4-ups-rps", "2uu-upu"])
+@pytest.mark.slow
 def test_volumes_of_few_positions_agree_with_those_of_many(name):
     mechanism = find(name)
     design = Sweeper(mechanism, WorkspaceSettings()).design(mechanism.resolve({}))

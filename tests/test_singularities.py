@@ -42,6 +42,7 @@ def test_aspects_make_up_the_workspace(mechanism):
     assert shares == pytest.approx(total / volume.value, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_home_aspect_is_what_workspace_counts(mechanism):
     result = find_singularities(mechanism, settings=FEW)
     (home,) = [a for a in result.aspects if a.home]
@@ -53,6 +54,7 @@ def test_home_aspect_is_what_workspace_counts(mechanism):
     assert counted.reachable == round(home.share.value * whole.reachable)
 
 
+@pytest.mark.slow
 def test_same_for_any_number_of_threads(mechanism):
     documents = [find_singularities(mechanism, settings=FEW, threads=n).to_dict() for n in (1, 3)]
     assert documents[0] == documents[1]

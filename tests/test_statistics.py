@@ -206,6 +206,7 @@ def check_coverage(scores, count, slack=3.0):
 @pytest.mark.parametrize(
     ("case", "samples"), [("raw, small", 2000), ("micrometres", 20_000), ("cut", 2000)]
 )
+@pytest.mark.slow
 def test_quantiles_hold_their_errors(case, samples, sampler):
     for column in scores_of(case, samples, sampler, 100).T:
         check_coverage(column, 100)

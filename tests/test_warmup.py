@@ -54,6 +54,7 @@ def test_processes_that_fail_leave_it_to_the_call(nothing_kept, monkeypatch):
     assert len(cells.hull(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))) == 3
 
 
+@pytest.mark.slow
 def test_command(tmp_path):
     """Cold it compiles, warm it says that nothing was missing; a wrong name is one line."""
     with_cache = {**environment(), "PMOPT_CACHE_DIR": str(tmp_path)}

@@ -86,6 +86,7 @@ def test_monte_carlo_error_is_binomial():
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.slow
 def test_stated_errors_are_honest(sampler):
     """Over 60 seeds deviations in units of the stated error have mean 0 and deviation 1.
 
@@ -190,6 +191,7 @@ def test_seed_and_samples_are_all_that_matters():
 
 
 @pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.slow
 def test_memory_does_not_grow_with_samples(threads):
     def peak(samples):
         tracemalloc.start()
@@ -692,6 +694,7 @@ def field_of(module, poses, constants):
     return margin, lci
 
 
+@pytest.mark.slow
 def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     """New text, new folder, new numbers: machine code can not go stale."""
     folders, values = [], []
@@ -710,6 +713,7 @@ def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     assert all(folder.parent == empty_cache for folder in folders)
 
 
+@pytest.mark.slow
 def test_kept_machine_code_needs_no_numba(tmp_path):
     """A second process takes what the first one kept, to the same numbers.
 
@@ -744,6 +748,7 @@ def test_entries_check_their_arrays(tmp_path, empty_cache):
             module.field(*good[:place], bad, *good[place + 1 :])
 
 
+@pytest.mark.slow
 def test_unwritable_cache_costs_time_only(empty_cache, monkeypatch):
     """A cache folder that can not be made, here below a file: the numbers are the same."""
     blocked = empty_cache / "file"

@@ -275,6 +275,7 @@ def test_what_is_torn_or_foreign_is_refused(long, tmp_path, every_block, damage)
 COMMAND = (*LINE[:4], "--samples", LONG)
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(in_one_go, tmp_path):
     """Kills while it starts, sums, writes a checkpoint, and writes its files."""
     last = f"chunk-{LONG // CHUNK:07d}.bin"

@@ -296,7 +296,7 @@ def spans_table(run: MotionRun) -> Table:
     return Table(
         f"{run.motion.mechanism}: infeasible at {run.infeasible_instants} of {len(t)} instants",
         ("from", "to", "instants", "what", "worst_at", "miss", "unit", "there"), rows,
-        {"from": "s", "to": "s", "worst_at": "s"},
+        {"from": "s", "to": "s", "worst_at": "s"}, prose=("there",),
     )  # fmt: skip
 
 
@@ -312,7 +312,7 @@ def fit_table(residuals: tuple[Residual, ...]) -> Table:
         "Fit to the recorded points",
         ("coordinate", "points", "rms", "max", "unit", "period", "offset", "amplitudes"),
         tuple(rows), {"period": "s"},
-        ("rms and max of the differences at the recorded points",),
+        ("rms and max of the differences at the recorded points",), prose=("amplitudes",),
     )  # fmt: skip
 
 

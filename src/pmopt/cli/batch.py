@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Most runs at work that the live view names.
 _NAMED = 8
+#: Names are filled up to the longest, at most this.
+_LONGEST = 24
 
 
 @click.command("batch")
@@ -145,18 +147,20 @@ def _progress(
     bars: dict[str, tuple[TaskID, Pace]] = {}
     pace = Pace("runs")
     pace.note(done)
+    names = [f"{count} of {count} runs", *by_name]
+    room = min(_LONGEST, max(map(len, names)))  # so that the bars stand below each other
     with Progress(
         progress_column(), console=Console(file=sys.stderr), transient=True, expand=True
     ) as progress:
         whole = progress.add_task(
-            f"{done} of {count} runs", total=count, completed=done, pace=pace
+            f"{done} of {count} runs".ljust(room), total=count, completed=done, pace=pace
         )  # fmt: skip
 
         def on_done_live(run: RunSummary) -> None:
             nonlocal done
             done += 1
             pace.note(done)
-            progress.update(whole, advance=1, description=f"{done} of {count} runs")
+            progress.update(whole, advance=1, description=f"{done} of {count} runs".ljust(room))
             progress.console.print(run.headline, markup=False, highlight=False, soft_wrap=True)
 
         def tick(names: list[str]) -> None:
@@ -165,7 +169,7 @@ def _progress(
             for name in names[:_NAMED]:
                 if name not in bars:
                     own = Pace("")
-                    bars[name] = progress.add_task(name, total=1.0, pace=own), own
+                    bars[name] = progress.add_task(name.ljust(room), total=1.0, pace=own), own
                 run = by_name[name]
                 share = run.runner.done(batch.run_folder(run)) or 0.0
                 task, own = bars[name]

@@ -80,7 +80,7 @@ def notifier(quiet: bool) -> Callable[[str], None]:
 
 
 class Report(Protocol):
-    """Takes what is done, what is planned and, if they change, the text before the bar and the unit.
+    """Takes what is done, what is planned and, if they change, the text before it and the unit.
 
     Parts of the text behind commas give way where there is no room. With another unit another
     count begins.
@@ -149,9 +149,9 @@ class Pace:
         speed = self.speed
         if speed is None or not self.unit:
             return ""
-        for seconds, name in ((1, "s"), (60, "min"), (3600, "h")):
-            if speed * seconds >= 1:
-                break
+        seconds, name = 3600, "h"
+        if speed * 60 >= 1:
+            seconds, name = (1, "s") if speed >= 1 else (60, "min")
         return f"{_short(speed * seconds)}{self.unit}/{name}"
 
     def left(self, planned: float | None) -> str:

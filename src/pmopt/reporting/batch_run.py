@@ -91,7 +91,8 @@ class BatchPlan:
 
     def table(self) -> Table:
         """Return a row for each command and mechanism."""
-        note = f"on {self.workers} workers about {estimated(self.seconds)} s"
+        workers = f"{self.workers} worker{'s' * (self.workers > 1)}"
+        note = f"on {workers} about {estimated(self.seconds)} s"
         rows = tuple((*row[:-1], Shown(row[-1], estimated(row[-1]))) for row in self.rows)
         return Table("Dry run", self.columns, rows, self.units, (note,))
 

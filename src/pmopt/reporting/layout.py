@@ -131,10 +131,12 @@ def lay_out(table: Table, width: int | None, style: Style | None = None) -> list
     kept = _kept(table)
     if not table.rows or not kept:
         return []
+    if width is None:
+        return _drawn(_columns(table, kept, _DIGITS[0]), None, style)
     for prose in _PROSE:
         for digits in _DIGITS:
             columns = _columns(table, kept, digits)
-            if width is None or _least(columns, style, prose) <= width:
+            if _least(columns, style, prose) <= width:
                 return _drawn(columns, width, style, prose)
     for digits in _DIGITS:
         turned = _turned(table, kept, digits)
@@ -222,9 +224,7 @@ def _drawn(
     return [*lines, lines[0]] if style.framed else lines
 
 
-def _widths(
-    columns: Sequence[_Column], width: int | None, style: Style, prose: int
-) -> list[int]:
+def _widths(columns: Sequence[_Column], width: int | None, style: Style, prose: int) -> list[int]:
     """Give what is left of the width to heads and prose that would be broken, least first."""
     if width is None:
         return [c.widest for c in columns]
@@ -261,12 +261,19 @@ def _turned(table: Table, kept: Sequence[int], digits: int) -> list[_Column]:
     if not 1 < len(table.rows) <= max(len(kept), 2) or len(kept) < 3:
         return []
     first, *others = kept
+    corner = table.columns[first]
     names = [shown(row[first], digits) for row in table.rows]
+    if len(set(names)) < len(names) and len(others) > 1:  # two fields may tell them apart
+        second, *others = others
+        corner += f", {table.columns[second]}"
+        names = [
+            f"{name}, {shown(row[second])}" for name, row in zip(names, table.rows, strict=True)
+        ]
     if len(set(names)) < len(names):
-        names = [f"{name} ({k})" for k, name in enumerate(names, start=1)]
+        return []
     heads = tuple(table.head(table.columns[k]).replace(" ", _HELD) for k in others)
     prose = any(table.columns[k] in table.prose for k in others)
-    columns = [_Column("", table.columns[first], heads, False, False)]
+    columns = [_Column("", corner, heads, False, False)]
     for name, row in zip(names, table.rows, strict=True):
         # Numbers of a field are aligned with no others: each stands by itself.
         cells = [
@@ -319,5 +326,5 @@ def _cut(table: Table, kept: Sequence[int], width: int, style: Style) -> list[st
             break
         some.remove(column)
     left = ", ".join(c.name for c in columns if c not in some)
-    note = f"no room for {left}: a wider terminal or --format csv shows them"
+    note = f"no room for {left}: a wider terminal or --format json shows them"
     return [*_drawn(some, max(width, _least(some, style)), style), *wrap(note, width, _GAP)]

@@ -58,7 +58,8 @@ def _counts(result: MobilityResult) -> Table:
     ]
     if agreement is not None:
         counts.append(
-            ("closed form agrees", agreement.holds,
+            ("closed form agrees",
+             Shown(int(agreement.holds), "yes" if agreement.holds else "no"),
              f"at {agreement.poses} poses; misfit {agreement.misfit:.1e} characteristic lengths, "
              f"twists {max(agreement.limb_angle, agreement.freedom_angle):.1e}, "
              f"Jacobian {agreement.rate_error:.1e}")

@@ -16,7 +16,7 @@ from pmopt.analysis.motion_summary import Demand, broken_limits, columns, demand
 from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Cell, Table, to_csv
+from pmopt.reporting.table import Cell, Shown, Table, to_csv
 from pmopt.units import ONE, effort_unit, per_second
 
 Notify = Callable[[str], None]
@@ -281,7 +281,7 @@ def summary_table(run: MotionRun) -> Table:
     return Table(
         f"{run.motion.mechanism}: what the motion asks of the actuators",
         ("joint", "quantity", "min", "max", "peak", "at", "rms", "unit"), rows, {"at": "s"},
-        tuple(notes),
+        tuple(notes), yielding=("min", "max", "at"),
     )  # fmt: skip
 
 
@@ -290,7 +290,7 @@ def spans_table(run: MotionRun) -> Table:
     t = run.motion.t
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (float(t[s.first]), float(t[s.last]), s.last - s.first + 1, s.what, float(t[s.worst]),
-         s.miss, s.unit, s.text)
+         Shown(s.miss, f"{s.miss:.3g}"), s.unit, s.text)
         for s in run.infeasible
     )  # fmt: skip
     return Table(

@@ -82,9 +82,10 @@ def _run(
 def _numbers(result: SingularityResult) -> tuple[Table, Table, Table]:
     units = result.units
     aspects: list[tuple[Cell, ...]] = [
-        (number, "+" if a.sign > 0 else "-", a.home, Uncertain(*a.volume), Uncertain(*a.share))
+        (number, Shown(a.sign, "+" if a.sign > 0 else "-"), a.home, Uncertain(*a.volume),
+         Uncertain(*a.share))
         for number, a in enumerate(result.aspects, start=1)
-    ]
+    ]  # fmt: skip
     counted = "a coarser grid counts the same" if result.confirmed else (
         "a coarser grid counts others: not to be relied on"
     )  # fmt: skip

@@ -198,7 +198,7 @@ def shown(cell: Cell, digits: int = 6) -> str:
     if isinstance(cell, bool | np.bool_):
         return "yes" if cell else "no"
     if isinstance(cell, float | np.floating):
-        return "-" if math.isnan(cell) else f"{cell:.{digits}g}"
+        return "-" if math.isnan(cell) else f"{cell + 0.0:.{digits}g}"  # no -0
     return str(cell)
 
 

@@ -18,7 +18,7 @@ from pmopt.reporting.table import (
     given,
     shown,
 )
-from pmopt.units import ONE, exact, span_text
+from pmopt.units import ONE, span_text
 
 if TYPE_CHECKING:
     from pmopt.analysis.extremes import Extreme
@@ -144,8 +144,8 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
     tables = [
         Table(f"{m.title}: {m.description}", names, parameters, {},
               (f"source: {m.source}", *(f"limit unless absent: {text}" for text in optional)),
-              "parameter", prose=("meaning", "source"), yielding=("source",), only_csv=("lower", "upper"),
-              only_shown=("bounds",)),
+              "parameter", prose=("meaning", "source"), yielding=("source",),
+              only_csv=("lower", "upper"), only_shown=("bounds",)),
         Table("Coordinates", ("kind", "name", "unit", "meaning"), coordinates, {}, (), "coordinate",
               prose=("meaning",)),
         Table("Home pose, at the default dimensions", ("name", "unit", "value"),
@@ -172,9 +172,16 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
 def mechanism_data(m: Mechanism) -> list[Table]:
     """Return all that a mechanism declares for CSV."""
     modes = tuple((name, "other" if k else "default") for k, name in enumerate(m.working_modes))
-    texts = {"mechanism": m.name, "title": m.title, "description": m.description,
-             "source": m.source, "freedom": m.freedom, "length unit": m.length_unit,
-             "jacobian": m.default_jacobian, "characteristic length": m.length_meaning}
+    texts = {
+        "mechanism": m.name,
+        "title": m.title,
+        "description": m.description,
+        "source": m.source,
+        "freedom": m.freedom,
+        "length unit": m.length_unit,
+        "jacobian": m.default_jacobian,
+        "characteristic length": m.length_meaning,
+    }
     return [
         *mechanism_tables(m),
         Table("", ("name", "kind"), modes, {}, key="working mode"),
@@ -237,8 +244,11 @@ def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table
     for number, result in enumerate(results, start=1):
         head: list[Cell] = [*([number] if many else []), *(result.joints[c] for c in joints)]
         modes: list[list[Cell]] = [
-            [*({**s.pose, **s.parasitic}.get(c) for c in poses),
-             Shown(s.residual, f"{s.residual:.1e}"), result.complete]
+            [
+                *({**s.pose, **s.parasitic}.get(c) for c in poses),
+                Shown(s.residual, f"{s.residual:.1e}"),
+                result.complete,
+            ]
             for s in result.solutions
         ] or [[None] * (len(poses) + 2)]
         rows += [(*head, *mode) for mode in modes]
@@ -330,8 +340,10 @@ def jacobian_data(result: JacobianResult) -> Table:
                         ("joints", result.joints)):  # fmt: skip
         rows += [(what, name, None, value, result.units[name], None)
                  for name, value in group.items() if value is not None]  # fmt: skip
-    rows += [(name, None, None, value, unit, None)
-             for name, value, unit in (*_singular_values(result), *_distances(result))]
+    rows += [
+        (name, None, None, value, unit, None)
+        for name, value, unit in (*_singular_values(result), *_distances(result))
+    ]
     for name, matrix in result.matrices.items():
         if matrix is not None:
             units = result.entry_units[name]
@@ -394,11 +406,12 @@ def _figures(result: WorkspaceResult) -> list[_Figure]:
         found.append(own(f"volume, {name}", region.volume, unit))
         found.append(own(f"share, {name}", region.share, ONE))
     if result.projection:
-        # Counted on voxels: their errors are standard errors beside a grid's bounds too.
+        # Counted on voxels: their errors are standard errors beside a grid's bounds too. Where
+        # poses are positions the volume is the workspace's own, and so is its error.
         volume, footprint = result.projection.volume, result.projection.footprint
         sign, bound = (">=", "lower") if result.projection.lower else ("", None)
         found += [
-            _Figure("projected volume", _sampled(volume, sign=sign),
+            _Figure("projected volume", _sampled(volume, grid and volume is result.volume, sign),
                     result.units["projected_volume"], bound),
             _Figure("footprint", _sampled(footprint), result.units["footprint"]),
         ]  # fmt: skip
@@ -420,16 +433,18 @@ def _errors(result: WorkspaceResult) -> dict[str, tuple[str, ...]]:
 def workspace_tables(result: WorkspaceResult) -> list[Table]:
     """Return every sampled number with its error, then the shape."""
     sampler = f"{result.grid} cells an axis" if result.grid else f"{result.replicates} replicates"
+    figures = _figures(result)
+    standard = [f.name for f in figures if isinstance(f.value, Uncertain) and not f.value.bound]
     errors = "errors are standard errors" if result.grid is None else "errors are bounds"
-    if result.grid is not None and result.projection:
-        errors += ", those of projected volume and footprint standard errors"
+    if result.grid is not None and standard:
+        errors += f", of {' and '.join(standard)} standard errors"
     notes = (
         f"{result.samples} samples ({result.sampler}, {sampler}, seed {result.seed}), "
         f"{result.reachable} reachable; working mode {result.working_mode}",
         errors,
         f"LCI of the {result.index_note}; {result.norm}-norm",
     )
-    rows = tuple((f.name, f.value, f.unit) for f in _figures(result))
+    rows = tuple((f.name, f.value, f.unit) for f in figures)
     tables = [
         Table(f"{result.mechanism}: {design_text(result.params, result.units)}",
               ("quantity", "value", "unit"), rows, {}, notes, errors=_errors(result)),
@@ -473,8 +488,13 @@ def workspace_data(result: WorkspaceResult) -> Table:
               "replicates": result.replicates, "grid": result.grid,
               "shape grid": result.shape.grid if result.shape else None}  # fmt: skip
     numbers = {name: (n, ONE) for name, n in counts.items()}
-    texts = {"mechanism": result.mechanism, "working mode": result.working_mode,
-             "sampler": result.sampler, "norm": result.norm, "index": result.index_note}
+    texts = {
+        "mechanism": result.mechanism,
+        "working mode": result.working_mode,
+        "sampler": result.sampler,
+        "norm": result.norm,
+        "index": result.index_note,
+    }
     about = facts({**numbers, **design_facts(result.params, result.units)}, texts)
     rows += [(name, value, unit, None, text) for name, value, unit, text in about.rows]
     return Table("", ("quantity", "value", "unit", "bound", "text"), tuple(rows), {},
@@ -484,7 +504,9 @@ def workspace_data(result: WorkspaceResult) -> Table:
 def design_text(params: Mapping[str, float | None], units: Mapping[str, str]) -> str:
     """Return a design in words; what is not set is left out."""
     return ", ".join(
-        f"{k} = {v:g} {units[k]}".removesuffix(f" {ONE}") for k, v in params.items() if v is not None
+        f"{k} = {v:g} {units[k]}".removesuffix(f" {ONE}")
+        for k, v in params.items()
+        if v is not None
     )
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 import click
 
@@ -16,7 +15,7 @@ from pmopt.reporting.layout import Style, lay_out, width_of, wrap
 from pmopt.reporting.table import Table, to_csv, to_json
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
     from rich.progress import ProgressColumn, Task
 
 #: Bars are this wide, least and most.
@@ -36,11 +35,19 @@ def emit(
 
 
 def room() -> int | None:
-    """Return the width of stdout: the terminal's, else that of $COLUMNS, else None: any."""
-    if sys.stdout.isatty():
-        return shutil.get_terminal_size().columns
-    columns = os.environ.get("COLUMNS", "")
-    return int(columns) if columns.isdigit() and int(columns) > 0 else None
+    """Return the width of stdout: $COLUMNS, else the terminal's; None, any, where it is none."""
+    return _width(sys.stdout) or (80 if sys.stdout.isatty() else None)
+
+
+def _width(stream: TextIO) -> int:
+    """Return the width that $COLUMNS or the terminal of a stream gives, 0 without."""
+    given = os.environ.get("COLUMNS", "")
+    if given.isdigit() and int(given) > 0:
+        return int(given)
+    try:
+        return os.get_terminal_size(stream.fileno()).columns
+    except (OSError, ValueError):
+        return 0
 
 
 def _print_tables(tables: Sequence[Table]) -> None:
@@ -59,8 +66,8 @@ def _print_tables(tables: Sequence[Table]) -> None:
 def _writes(text: str) -> bool:
     """Return whether stdout can write a text."""
     try:
-        text.encode(sys.stdout.encoding or "ascii")
-    except (UnicodeEncodeError, LookupError):
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
         return False
     return True
 
@@ -69,7 +76,7 @@ def _say(*lines: str) -> None:
     """Print lines, in what characters stdout can write."""
     for line in lines:
         if not _writes(line):
-            code = sys.stdout.encoding or "ascii"
+            code = sys.stdout.encoding
             line = line.replace("±", "+-").encode(code, "replace").decode(code)
         click.echo(line)
 
@@ -170,50 +177,59 @@ def progress_column() -> ProgressColumn:
 
     Text before the bar gives way first, then the bar; rate and time left never do.
     """
+    from rich.measure import Measurement
     from rich.progress import ProgressColumn
     from rich.progress_bar import ProgressBar
     from rich.table import Table as Grid
     from rich.text import Text
 
-    class Line(ProgressColumn):
-        def render(self, task: Task) -> RenderableType:
-            pace: Pace = task.fields["pace"]
+    class Line:
+        """The line of a task, composed for the room that it is given."""
+
+        def __init__(self, task: Task) -> None:
+            self.task = task
+
+        def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+            return Measurement(options.max_width, options.max_width)
+
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+            task, pace = self.task, self.task.fields["pace"]
             share = f"{task.percentage:>3.0f} %" if task.total is not None else "    %"
             ending = " ".join(filter(None, (share, pace.rate(), pace.left(task.total))))
-            text, bar = fitted(task.description, len(ending), _stderr_width())
+            text, bar = fitted(task.description, len(ending), options.max_width)
             grid = Grid.grid(padding=(0, 1, 0, 0))
             grid.add_row(
                 Text(text, no_wrap=True),
-                ProgressBar(total=task.total, completed=task.completed, width=bar,
-                            pulse=task.total is None),
+                ProgressBar(
+                    total=task.total, completed=task.completed, width=bar, pulse=task.total is None
+                ),
                 Text(ending, no_wrap=True),
-            )  # fmt: skip
-            return grid
+            )
+            yield grid
 
-    return Line()
+    class Column(ProgressColumn):
+        def render(self, task: Task) -> RenderableType:
+            return Line(task)
 
-
-def _stderr_width() -> int:
-    """Return the width of the terminal that stderr is."""
-    try:
-        columns = os.get_terminal_size(sys.stderr.fileno()).columns
-    except (OSError, ValueError):
-        columns = 0
-    given = os.environ.get("COLUMNS", "")
-    return int(given) if given.isdigit() and int(given) > 0 else columns or 80
+    return Column()
 
 
 def fitted(text: str, ending: int, width: int) -> tuple[str, int]:
     """Return a text and the width of a bar, so that both and an ending fit into a line.
 
-    Of the text whole parts behind commas give way, then its end.
+    Of the text the parts behind commas give way, then its last words, then its end.
     """
     left = width - ending - 3  # a space behind each, and one that no terminal wraps at
     room = max(left - _BAR[0], 0)
-    while width_of(text) > room and ", " in text:
-        text = text.rpartition(", ")[0]
-    if width_of(text) > room:
-        text = text[: max(room - 1, 0)] + "…" * (room > 0)
+    for break_ in (", ", " "):
+        while width_of(text.rstrip()) > room and break_ in text.rstrip():
+            text = text.rstrip().rpartition(break_)[0]
+    if width_of(text.rstrip()) > room:
+        while width_of(text) >= max(room, 1):
+            text = text[:-1]
+        text += "…" * (room > 0)
+    if width_of(text) > room:  # filled up with spaces
+        text = text.rstrip()
     return text, min(max(left - width_of(text), 0), _BAR[1])
 
 

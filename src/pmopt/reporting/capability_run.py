@@ -216,7 +216,7 @@ def capability_tables(result: Capability) -> list[Table]:
     notes = ["p90: enough at 90 % of the reachable volume" if asked else "nothing is asked for"]
     if kept:
         notes[0] += "; volume: where the limit is enough"
-    notes.append(f"task: {_task_text(result)}")
+    notes.append(f"task: {_task_text(result, _plain_unit)}")
     if len(asked) < len(result.demands):
         notes.append(_idle_text(result, [d for d in result.demands if d not in asked]))
     notes += result.task.moved(find(result.mechanism))
@@ -255,7 +255,12 @@ def capability_data(result: Capability) -> list[Table]:
     return [demands_table(result), facts(numbers, texts)]
 
 
-def _task_text(result: Capability) -> str:
+def _plain_unit(text: str, unit: str) -> str:
+    """Return a number with its unit as tables have it."""
+    return text if unit == ONE else f"{text} {unit}"
+
+
+def _task_text(result: Capability, with_unit: Callable[[str, str], str] = with_unit) -> str:
     told = result.to_dict()["task"]
     parts = [
         f"{k.replace('_', ' ')} {with_unit(exact(v), result.units[k])}"

@@ -217,7 +217,9 @@ def commands(name, folder):
     joints = ",".join(f"{k}={v!r}" for k, v in found["joints"].items())
     motor = f"{mechanism.joints[0].name}_effort=50"
     (folder / "poses.csv").write_text(
-        f"{','.join(home)}\n" + f"{','.join(str(v + 0.01) for v in home.values())}\n" * 2
+        "\n".join(
+            [",".join(home), *(",".join(str(v + d) for v in home.values()) for d in (0.01, 0.02))]
+        )
     )
     return [
         ("info", name),
@@ -228,7 +230,6 @@ def commands(name, folder):
         ("mobility", name, "--samples", "2"),
         ("workspace", name, "--samples", "2000", "--shape-grid", "6"),
         ("workspace", name, "--grid", "8", "--shape-grid", "0"),
-        ("workspace", name, "--dry-run"),
         ("singularities", name, "--samples", "2000", "--grid", "6"),
         ("singularities", name, "--path", "poses.csv"),
         ("certify", name, "--domain", box, "--time-budget", "2"),
@@ -240,6 +241,7 @@ def commands(name, folder):
 
 MORE = {
     "list": ("list",),
+    "dry run": ("workspace", "3-cur", "--dry-run"),
     "motion": ("motion", CONFIGS / "motion" / "2uu-upu-t1.toml"),
     "fit": ("motion", CONFIGS / "motion" / "3-ups-sp-strokes.toml"),
     "infeasible": ("motion", CONFIGS / "motion" / "4-ups-rps-paper.toml"),
@@ -366,7 +368,9 @@ def test_tables_of_every_command(name, spied, tmp_path):
             check_on_terminal(tables, width)
 
 
-@pytest.mark.parametrize("case", MORE)
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=pytest.mark.slow) if c == "batch" else c for c in MORE]
+)
 def test_tables_of_runs(case, spied, tmp_path):
     (tmp_path / "search.toml").write_text(SEARCH)
     (tmp_path / "sweep.toml").write_text(SWEEP)

@@ -6,6 +6,7 @@ import. That both print the same bytes is a test of its own.
 
 import contextlib
 import csv
+import fcntl
 import io
 import json
 import os
@@ -13,8 +14,10 @@ import pty
 import re
 import select
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -127,14 +130,21 @@ def files_in(folder):
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
 
 
+def shows_pace(unit):
+    """Return whether a text has a line with a share, a rate and the time left."""
+    pattern = rf"\d % \d[\d.]* [kMG]?{unit}/(s|min|h) ETA \d+:\d\d:\d\d"
+    return lambda text: re.search(pattern, text) is not None
+
+
 class Terminal:
     """A process whose stderr is a terminal and whose stdout is a pipe."""
 
-    def __init__(self, *args, cwd):
+    def __init__(self, *args, cwd, width=120):
         self.master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 50, width, 0, 0))
         self.process = subprocess.Popen(
-            [*COMMAND, *args], cwd=cwd, stdout=subprocess.PIPE, stderr=slave,
-            env=environment(TERM="xterm-256color", COLUMNS="120"),
+            [*COMMAND, *args], cwd=cwd, stdin=slave, stdout=subprocess.PIPE, stderr=slave,
+            env=environment(TERM="xterm-256color"),
         )  # fmt: skip
         os.close(slave)
         self.text = ""

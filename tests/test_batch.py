@@ -432,9 +432,9 @@ def test_footprint_is_best_where_it_is_least(tmp_path):
     found = RUNNERS["pareto"].results(folder, manifest)
     assert (found.values["best_gci"], found.values["best_gci_error"]) == (0.4, 0.02)
     assert (found.values["best_footprint"], found.values["best_footprint_error"]) == (3.0, 0.3)
-    assert found.shown("best_footprint") == "3.00 ± 0.3 m^2"
+    assert found.shown("best_footprint") == "3.00 ± 0.30 m^2"
     assert found.shown("reference_footprint") == "9 m^2"
-    assert found.shown("best_gci") == "0.400 ± 0.02"
+    assert found.shown("best_gci") == "0.400 ± 0.020"
 
 
 @pytest.mark.slow

@@ -171,8 +171,14 @@ def test_info(tmp_path):
     assert bodies["platform"]["limb"] == "platform"
     assert bodies["limb 1 link"]["mass"] > 0
     assert document["units"]["mass"] == "kg"
-    assert [r["name"] for r in csv_answer("info", MECH, cwd=tmp_path)] == [
-        p["name"] for p in document["parameters"]
+    rows = csv_answer("info", MECH, cwd=tmp_path)
+    found = [r for r in rows if r["table"] == "parameter"]
+    assert [(r["name"], r["default"], r["lower"]) for r in found] == [
+        (
+            p["name"],
+            *("" if v is None else repr(v) for v in (p["default"], (p["bounds"] or [None])[0])),
+        )
+        for p in document["parameters"]
     ]
     table = answer("info", MECH, cwd=tmp_path)
     assert all(word in table for word in ("theta1", "rad", "out-in", "limb 3", "l2", "0.5 .. 1.5"))

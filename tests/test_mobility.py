@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cli_runner import answer, error_line, here, json_answer
+from cli_runner import answer, csv_answer, error_line, here, json_answer
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -647,9 +647,13 @@ def test_command(tmp_path):
     table = answer("mobility", "2pauu-ppap", "--samples", 3, cwd=tmp_path)
     assert "6 (8 - 9 - 1) + 13 + 2 = 3" in table
     assert answer("mobility", "2pauu-ppap", "--samples", 3, cwd=tmp_path) == table
-    assert answer("mobility", "2pauu-ppap", "--format", "csv", cwd=tmp_path).startswith(
-        "quantity,value,note\nfreedom,3,"
-    )
+    rows = csv_answer("mobility", "2pauu-ppap", "--samples", 3, cwd=tmp_path)
+    counts = {r["quantity"]: r for r in rows if r["table"] == "count"}
+    assert (counts["freedom"]["value"], counts["kind"]["text"]) == ("3", "3T")
+    wrenches = [r for r in rows if r["body"] == "limb 3 (PP_aP), t3 r0" and r["kind"] == "couple"]
+    assert [[float(r[f"direction_{x}"]) for x in "xyz"] for r in wrenches] == [
+        [1, 0, 0], [0, 1, 0], [0, 0, 1],
+    ]  # fmt: skip
 
 
 def test_command_at_a_pose_and_other_dimensions(tmp_path):

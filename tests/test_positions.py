@@ -15,6 +15,7 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.mechanisms.registry import find
+from pmopt.reporting.table import shown
 from pmopt.reporting.tables import workspace_tables
 
 #: Limits that bend the boundary of what is reached.
@@ -180,6 +181,6 @@ def test_a_lower_bound_is_printed_as_one():
     result = replace(result, projection=replace(result.projection, lower=True))
     assert result.to_dict()["projected_volume"]["bound"] == "lower"
     assert "bound" not in result.to_dict()["footprint"]
-    shown = {row[0]: row[1] for row in workspace_tables(result)[0].display}
-    bounds = [name for name, value in shown.items() if value.startswith(">= ")]
+    texts = {row[0]: shown(row[1]) for row in workspace_tables(result)[0].rows}
+    bounds = [name for name, text in texts.items() if text.startswith(">= ")]
     assert bounds == ["lci max", "projected volume"]

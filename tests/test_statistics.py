@@ -19,6 +19,7 @@ from pmopt.mechanisms import find
 from pmopt.numerics.bins import bin_edges, bins_of
 from pmopt.numerics.sweep import bin_of
 from pmopt.reporting import canvas, plots, tables
+from pmopt.reporting.table import shown
 
 TORUS = {"m": 0.9, "n": 0.9, "l1": 1.0, "l2": 0.8}
 TORUS_VOLUME = math.pi**2 * 0.8**2
@@ -251,10 +252,12 @@ def test_bounds_are_not_called_standard_errors():
     # Positions are counted on voxels: their errors are standard errors here too.
     assert "standard_error" in document["projected_volume"]
     (table, *_) = tables.workspace_tables(result)
-    assert table.columns == ("quantity", "value", "error_bound", "standard_error", "unit")
-    rows = {row[0]: row for row in table.rows}
-    assert rows["volume"][2:4] == (result.volume.error, None)
-    assert rows["footprint"][2:4] == (None, result.projection.footprint.error)
+    heads, body = table.data()
+    assert heads == ["quantity", "value", "standard_error", "error_bound", "unit"]
+    rows = {row[0]: row for row in body}
+    assert rows["volume"][2:4] == [None, result.volume.error]
+    assert rows["footprint"][2:4] == [result.projection.footprint.error, None]
+    assert "errors are bounds, of projected volume and footprint standard errors" in table.notes
 
 
 # --- target errors ----------------------------------------------------------------------------
@@ -353,12 +356,12 @@ def test_extremes_have_no_standard_error():
     assert lci["standard_error"] == result.gci.error
     assert (lci["min_bound"], lci["max_bound"]) == ("found", "found")
     (table,) = tables.workspace_tables(result)
-    shown = {row[0]: row for row in table.display}
-    assert shown["lci min"][1].startswith("<= 0.164")
-    assert shown["lci max"][1].startswith(">= 0.848")
-    assert shown["lci min"][2] is None
-    rows = {row[0]: row for row in table.rows}
-    assert rows["lci min"] == ("lci min", result.smallest.value, None, "1")
+    texts = {row[0]: shown(row[1]) for row in table.rows}
+    assert texts["lci min"].startswith("<= 0.164")
+    assert texts["lci max"].startswith(">= 0.848")
+    assert "±" not in texts["lci min"]
+    rows = {row[0]: row for row in table.data()[1]}
+    assert rows["lci min"] == ["lci min", result.smallest.value, None, "1"]
 
 
 # --- pictures ---------------------------------------------------------------------------------

@@ -190,6 +190,32 @@ class JacobianResult:
         """The index of the Jacobian asked for."""
         return self.lci_raw if self.kind == "raw" else self.lci_homogenized
 
+    @property
+    def matrices(self) -> dict[str, Matrix | None]:
+        """J_X, J_q and J by their names."""
+        return {"J_X": self.j_x, "J_q": self.j_q, "J": self.jacobian}
+
+    @property
+    def rows(self) -> dict[str, list[str]]:
+        """Names of the rows: of J the pose's, of J_X and J_q the joint that the equation is of."""
+        return {"J_X": [*self.joints], "J_q": [*self.joints], "J": [*self.pose]}
+
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """Names of the columns: of J_X those of the pose, else the joints'."""
+        return {"J_X": [*self.pose], "J_q": [*self.joints], "J": [*self.joints]}
+
+    @property
+    def entry_units(self) -> dict[str, list[list[str]]]:
+        """Unit of every entry of the matrices."""
+        found = {
+            name: _spread(self.units[name], len(self.rows[name]), len(self.columns[name]))
+            for name in ("J_X", "J_q")
+        }
+        units = self.units
+        found["J"] = [[f"{units[x]}/{units[q]}" for q in self.joints] for x in self.pose]
+        return found
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         values = self.singular_values
@@ -204,6 +230,8 @@ class JacobianResult:
             "J_X": self.j_x.tolist(),
             "J_q": self.j_q.tolist(),
             "J": None if self.jacobian is None else self.jacobian.tolist(),
+            "rows": self.rows,
+            "columns": self.columns,
             "singular_values": None if values is None else values.tolist(),
             "lci": self.lci,
             "lci_raw": self.lci_raw,
@@ -231,6 +259,15 @@ def _units(mechanism: Mechanism) -> dict[str, str]:
         c.name: mechanism.unit(c)
         for c in (*mechanism.pose, *mechanism.joints, *mechanism.parasitic)
     }
+
+
+def _spread(words: str, rows: int, columns: int) -> list[list[str]]:
+    """Return the unit of each entry of a matrix, from :meth:`Mechanism.velocity_map_units`."""
+    kind, told, listed = words.partition(",")[0].partition(" in ")
+    units = (listed if told else kind).split("; ")
+    if len(units) == 1:
+        units *= max(rows, columns)
+    return [[units[k if kind == "columns" else i] for k in range(columns)] for i in range(rows)]
 
 
 def of_limb(limited: str, name: str) -> bool:
@@ -646,6 +683,7 @@ def jacobian_at(
         constraint_measure=measures.get("constraint", {}),
         singular=singular,
         units={
+            **{p.name: mechanism.unit(p) for p in mechanism.parameters},
             **_units(mechanism),
             **_jacobian_units(mechanism),
             "characteristic_length": unit_of("length", mechanism.length_unit),

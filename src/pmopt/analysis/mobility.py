@@ -384,6 +384,7 @@ def mobility_of(
         characteristic_length=length,
         closed_form=agreement,
         units={
+            **{p.name: mechanism.unit(p) for p in mechanism.parameters},
             **{c.name: mechanism.unit(c) for c in mechanism.pose},
             "characteristic_length": unit,
             "point": unit,

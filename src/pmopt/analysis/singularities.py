@@ -28,7 +28,7 @@ from pmopt.analysis.sweeper import Design, Notify, Sweeper
 from pmopt.analysis.touching import least_along
 from pmopt.analysis.warmup import warm_up
 from pmopt.mechanisms.base import Mechanism, Parameters, Vector
-from pmopt.units import ONE, exact
+from pmopt.units import ONE
 
 DEFAULT_SAMPLES = 1 << 18
 #: Settings that change what is found; its own grid is that of the aspects.
@@ -488,7 +488,7 @@ def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -
                 low, high = design.limits[c.name]
                 gap, end = min((abs(value - end), end) for end in (low, high))
                 if math.isfinite(gap) and (nearest is None or gap < nearest[0]):
-                    nearest = gap, f"limit of {name}, {exact(end)} {mechanism.unit(c)}"
+                    nearest = gap, f"limit of {name}, {end:.6g} {mechanism.unit(c)}"
     size = mechanism.characteristic_length(design.parameters)
     if nearest is not None and nearest[0] <= 1e-6 * max(size, 1.0):
         return nearest[1]

@@ -247,7 +247,8 @@ def index_note(kind: JacobianKind, length: float | None, unit: str, units: str) 
         return f"raw Jacobian, entries in {units}: it mixes units and depends on the unit of length"
     if kind == "raw":
         return f"raw Jacobian, every entry in {units}: one unit, which the index does not depend on"
-    return f"homogenized Jacobian, characteristic length {length!r} {unit}"
+    text = repr(length) if length is None or len(repr(length)) <= 8 else f"{length:.6g}"
+    return f"homogenized Jacobian, characteristic length {text} {unit}"
 
 
 def compute_workspace(

@@ -13,7 +13,7 @@ import click
 
 from pmopt.cli import options
 from pmopt.cli.main import EXIT_INFEASIBLE, EXIT_RUNTIME
-from pmopt.cli.output import emit, notifier
+from pmopt.cli.output import Pace, emit, notifier, progress_column
 from pmopt.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Most runs at work that the live view names.
 _NAMED = 8
+#: Names are filled up to the longest, at most this.
+_LONGEST = 24
 
 
 @click.command("batch")
@@ -114,7 +116,7 @@ def batch_command(
 
 
 def _tell(result: BatchResult, form: str) -> int:
-    emit(form, result.to_dict(), result.tables() if form == "table" else [result.table()])
+    emit(form, result.to_dict(), result.tables(), [result.table()])
     if result.infeasible:
         return EXIT_INFEASIBLE
     return 0 if result.complete else EXIT_RUNTIME
@@ -139,32 +141,39 @@ def _progress(
         yield on_done, lambda names: None
         return
     from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
+    from rich.progress import Progress, TaskID
 
     by_name = {run.name: run for run in batch.own}
-    bars: dict[str, TaskID] = {}
+    bars: dict[str, tuple[TaskID, Pace]] = {}
+    pace = Pace("runs")
+    pace.note(done)
+    names = [f"{count} of {count} runs", *by_name]
+    room = min(_LONGEST, max(map(len, names)))  # so that the bars stand below each other
     with Progress(
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("ETA"), Remaining(), console=Console(file=sys.stderr), transient=True,
-    ) as progress:  # fmt: skip
-        whole = progress.add_task(f"{done} of {count} runs", total=count, completed=done)
+        progress_column(), console=Console(file=sys.stderr), transient=True, expand=True
+    ) as progress:
+        whole = progress.add_task(
+            f"{done} of {count} runs".ljust(room), total=count, completed=done, pace=pace
+        )  # fmt: skip
 
         def on_done_live(run: RunSummary) -> None:
             nonlocal done
             done += 1
-            progress.update(whole, advance=1, description=f"{done} of {count} runs")
-            progress.console.print(run.headline, markup=False, highlight=False)
+            pace.note(done)
+            progress.update(whole, advance=1, description=f"{done} of {count} runs".ljust(room))
+            progress.console.print(run.headline, markup=False, highlight=False, soft_wrap=True)
 
         def tick(names: list[str]) -> None:
             for name in [name for name in bars if name not in names]:
-                progress.remove_task(bars.pop(name))
+                progress.remove_task(bars.pop(name)[0])
             for name in names[:_NAMED]:
                 if name not in bars:
-                    bars[name] = progress.add_task(escape(name), total=1.0)
+                    own = Pace("")
+                    bars[name] = progress.add_task(name.ljust(room), total=1.0, pace=own), own
                 run = by_name[name]
-                share = run.runner.done(batch.run_folder(run))
-                progress.update(bars[name], completed=share or 0.0)
+                share = run.runner.done(batch.run_folder(run)) or 0.0
+                task, own = bars[name]
+                own.note(share)
+                progress.update(task, completed=share)
 
         yield on_done_live, tick

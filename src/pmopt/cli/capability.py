@@ -136,6 +136,9 @@ def capability_command(
         motor_limits, samples, seed,
     )  # fmt: skip
     result = capability_run.run_capability(asked, out, force=force, threads=threads, notify=notify)
-    emit(form, result.to_dict(), capability_run.capability_tables(result))
+    emit(
+        form, result.to_dict(), capability_run.capability_tables(result),
+        capability_run.capability_data(result),
+    )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")

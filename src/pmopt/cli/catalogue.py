@@ -46,4 +46,7 @@ def info_command(mechanism: Mechanism, form: str, quiet: bool, debug: bool) -> N
     Example:
       pmopt info 2pauu-ppap
     """
-    emit(form, tables.mechanism_document(mechanism), tables.mechanism_tables(mechanism))
+    emit(
+        form, tables.mechanism_document(mechanism), tables.mechanism_tables(mechanism),
+        tables.mechanism_data(mechanism),
+    )  # fmt: skip

@@ -81,7 +81,10 @@ def certify_command(
         mechanism, options.design_parameters(mechanism, params), settings, time_budget, out,
         force=force, notify=notify,
     )  # fmt: skip
-    emit(form, result.to_dict(), certify_run.claim_tables(result))
+    emit(
+        form, result.to_dict(), certify_run.claim_tables(result),
+        certify_run.certified_data(result),
+    )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")
     if result.verdict == "empty":

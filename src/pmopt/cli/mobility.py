@@ -9,7 +9,7 @@ from pmopt.cli import options
 from pmopt.cli.output import emit
 from pmopt.errors import unknown_name
 from pmopt.mechanisms import Mechanism
-from pmopt.reporting.mobility_tables import mobility_tables
+from pmopt.reporting.mobility_tables import mobility_data, mobility_tables
 
 
 @click.command("mobility")
@@ -62,4 +62,4 @@ def mobility_command(
         seed=seed,
         where="--pose",
     )
-    emit(form, result.to_dict(), mobility_tables(result))
+    emit(form, result.to_dict(), mobility_tables(result), mobility_data(result))

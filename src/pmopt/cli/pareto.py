@@ -78,7 +78,7 @@ def pareto_command(
             run_config, out, force=force, resume=resume, threads=threads, notify=notify,
             on_generation=on_generation, on_measured=on_measured, cluster=cluster,
         )  # fmt: skip
-    emit(form, run.to_dict(), tables.pareto_tables(run))
+    emit(form, run.to_dict(), tables.pareto_tables(run), [run.front_rows()])
 
 
 @contextmanager
@@ -92,7 +92,7 @@ def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, On
     unit = product_unit(units[name] for name in config.objectives)
     first: tuple[int, float] | None = None  # first generation computed here, and when
 
-    with progress_bar(quiet, "generation", "") as report:
+    with progress_bar(quiet, "generation", "gen") as report:
 
         def on_generation(generation: Generation) -> None:
             nonlocal first
@@ -110,7 +110,8 @@ def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, On
 
         def on_measured(done: int, count: int) -> None:
             if report is not None:
-                report(done, count, f"measuring the front, design {done}/{count}")
+                text = f"design {done}/{count}, measuring the front"
+                report(done, count, text, "designs")
             elif not quiet and done == count:
                 click.echo(f"measured the front: {count} designs", err=True)
 

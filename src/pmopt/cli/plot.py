@@ -35,7 +35,7 @@ def plot_command(
     from pmopt.reporting import pictures
     from pmopt.reporting.canvas import drawn_as
     from pmopt.reporting.gallery import lines_of
-    from pmopt.reporting.table import Table
+    from pmopt.reporting.table import Shown, Table
 
     if not (run / MANIFEST).is_file():
         what = describe(run) if run.exists() else "no such folder"
@@ -52,8 +52,8 @@ def plot_command(
         for name, data in drawn.items():
             write_atomic(folder / name, data)
     written = [str(folder / name) for name in drawn]
-    rows = tuple((path,) for path in written)
-    emit(form, {"written": written}, [Table("Written", ("file",), rows, {})])
+    rows = tuple((Shown(path, name),) for path, name in zip(written, drawn, strict=True))
+    emit(form, {"written": written}, [Table(f"Written to {folder}", ("file",), rows, {})])
     missing = getattr(gallery, "missing", {})
     if missing:
         raise PmoptError("; ".join(lines_of({named(k): why for k, why in missing.items()})))

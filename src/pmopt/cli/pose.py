@@ -175,4 +175,6 @@ def jacobian_command(
         limits=options.parse_ranges(limits, "--limits", mechanism),
         where="--pose",
     )
-    emit(form, result.to_dict(), tables.jacobian_tables(result))
+    emit(
+        form, result.to_dict(), tables.jacobian_tables(result), [tables.jacobian_data(result)]
+    )  # fmt: skip

@@ -94,7 +94,10 @@ def singularities_command(
     result = singularity_run.run_singularities(
         task, out, force=force, threads=threads, notify=notify
     )
-    emit(form, result.to_dict(), singularity_run.singularity_tables(result))
+    emit(
+        form, result.to_dict(), singularity_run.singularity_tables(result),
+        singularity_run.singularity_data(result),
+    )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")
 

@@ -229,7 +229,9 @@ def workspace_command(
             task, out, force=force, resume=resume, threads=threads, notify=notify,
             progress=progress, cluster=cluster,
         )  # fmt: skip
-    emit(form, result.to_dict(), tables.workspace_tables(result))
+    emit(
+        form, result.to_dict(), tables.workspace_tables(result), [tables.workspace_data(result)]
+    )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")
 
@@ -245,7 +247,10 @@ def _certify(
     result = certify_run.run_volume(
         mechanism, parameters, settings, gap, time_budget, out, force=force, notify=notify
     )
-    emit(form, result.to_dict(), certify_run.volume_tables(result))
+    emit(
+        form, result.to_dict(), certify_run.volume_tables(result),
+        certify_run.certified_data(result),
+    )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")
     if result.empty:

@@ -40,7 +40,7 @@ from pmopt.reporting.run_folder import (
     read_manifest,
 )
 from pmopt.reporting.runners import RUNNERS
-from pmopt.reporting.table import Table, to_csv
+from pmopt.reporting.table import Shown, Table, estimated, to_csv
 from pmopt.swap import NEXT
 from pmopt.threads import default_threads
 from pmopt.workers import LocalWorkers, Pool
@@ -92,9 +92,10 @@ class BatchPlan:
 
     def table(self) -> Table:
         """Return a row for each command and mechanism."""
-        note = f"on {self.workers} workers about {self.seconds:.2g} s"
-        display = tuple((*row[:-1], f"{row[-1]:.2g}") for row in self.rows)
-        return Table("Dry run", self.columns, self.rows, self.units, (note,), display)
+        workers = f"{self.workers} worker{'s' * (self.workers > 1)}"
+        note = f"on {workers} about {estimated(self.seconds)} s"
+        rows = tuple((*row[:-1], Shown(row[-1], estimated(row[-1]))) for row in self.rows)
+        return Table("Dry run", self.columns, rows, self.units, (note,))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 from pmopt.files import read_json
 from pmopt.reporting.run_folder import read_manifest
 from pmopt.reporting.runners import ERRORS, RUNNERS, Results
-from pmopt.reporting.table import Cell, Table
+from pmopt.reporting.table import Cell, Shown, Table
 
 #: File of what kept a run from its end.
 FAILURE = "failure.json"
@@ -178,14 +178,16 @@ class BatchResult:
                 *([run.mechanism] if fixed else []),
                 run.status,
                 *(run.swept.get(key) for key in swept),
-                *(run.results.shown(key, unit=key not in units) for key in shown),
-                None if run.wall_time is None else f"{run.wall_time:.2f}",
+                *(run.results.cell(key, unit=key not in units) for key in shown),
+                None if run.wall_time is None else Shown(run.wall_time, f"{run.wall_time:.2f}"),
             )
             for run in runs
         )
         columns = ("name", *fixed, "status", *swept, *shown, "wall_time")
         title = f"{runs[0].command} runs in {self.folder}"
-        return Table(title, columns, rows, {**self.units, **units}, notes)
+        errors = {key: (f"{key}_error",) for key in shown
+                  if any(run.results.error(key) is not None for run in runs)}  # fmt: skip
+        return Table(title, columns, rows, {**self.units, **units}, notes, errors=errors)
 
 
 def _in_order(mappings: Iterable[Mapping[str, Any]]) -> list[str]:

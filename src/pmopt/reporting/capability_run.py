@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,14 @@ from pmopt.analysis.capability import (
     SHARES,
     SIZES,
     Capability,
+    Demand,
     Demands,
     Task,
     check_limits,
     compute_capability,
 )
 from pmopt.analysis.emptiness import require_reachable
+from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper
 from pmopt.analysis.validation import validated
@@ -40,8 +42,18 @@ from pmopt.reporting.chart_text import Heading, heading
 from pmopt.reporting.fields import Section, section_fields
 from pmopt.reporting.gallery import Gallery, write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Cell, Table, to_csv, to_json, uncertain, with_error
-from pmopt.units import exact
+from pmopt.reporting.table import (
+    Cell,
+    Table,
+    Uncertain,
+    design_facts,
+    facts,
+    given,
+    to_csv,
+    to_json,
+    uncertain,
+)
+from pmopt.units import ONE, exact
 
 #: Colours end at twice what the motors have.
 _MOST = 2.0
@@ -151,7 +163,7 @@ def _run(
         return result
     folder.open()
     folder.write("result.json", to_json(result.to_dict()) + "\n")
-    folder.write("demands.csv", to_csv(capability_tables(result)) + "\n")
+    folder.write("demands.csv", to_csv([demands_table(result)]) + "\n")
     missing = write_pictures(folder, lambda: draw_capability(asked, result, threads), notify)
     folder.close(
         "capability",
@@ -167,47 +179,89 @@ def _run(
     return result
 
 
-def capability_tables(result: Capability) -> list[Table]:
-    """Return a row for each rate and effort, and the volumes."""
-    columns = ["demand", "unit", "limit"]
-    for share in SHARES:
-        columns += [f"p{100 * share:.0f}", f"p{100 * share:.0f}_error"]
-    columns += ["volume", "volume_error"]
+def _demand_table(result: Capability, demands: Sequence[Demand], notes: Sequence[str]) -> Table:
+    """Return a row for each of the demands."""
+    shares = [f"p{100 * share:.0f}" for share in SHARES]
+    columns = ("demand", "unit", "limit", *shares, "volume")
 
-    def cell(value: float) -> Cell:
-        return value if np.isfinite(value) else None
+    def cell(estimate: Estimate) -> Cell:
+        # Next to singularities demands have no bound.
+        return Uncertain(*estimate) if np.isfinite(estimate.value) else None
 
-    rows: list[tuple[Cell, ...]] = []
-    display: list[tuple[Cell, ...]] = []
-    for demand in result.demands:
-        pairs = [*demand.levels, demand.volume]
-        rows.append((demand.name, demand.unit, demand.limit,
-                     *(cell(value) for pair in pairs for value in pair)))  # fmt: skip
-        shown = [text for pair in pairs for text in with_error(*pair)]
-        limit = None if demand.limit is None else exact(demand.limit)
-        display.append((demand.name, demand.unit, limit, *shown))
+    rows = tuple(
+        (demand.name, demand.unit, given(demand.limit), *map(cell, demand.levels),
+         cell(demand.volume))
+        for demand in demands
+    )  # fmt: skip
     unit = result.units["volume"]
-    units = {"volume": unit, "volume_error": unit}
-    task = _task_text(result)
-    percent = estimate_text(100 * result.share.value, 100 * result.share.error)
+    return Table(
+        f"{result.mechanism}, {result.working_mode}: what the joints are asked for", columns, rows,
+        {"volume": unit, "volume_error": unit}, tuple(notes), "demand",
+        errors={name: (f"{name}_error",) for name in (*shares, "volume")},
+    )  # fmt: skip
+
+
+def demands_table(result: Capability) -> Table:
+    """Return every demand, whether anything is asked for or not."""
+    return _demand_table(result, result.demands, ())
+
+
+def capability_tables(result: Capability) -> list[Table]:
+    """Return a row for each rate and effort that is asked for, and the volumes."""
+    asked = [d for d in result.demands if d.limit is not None or any(e.value for e in d.levels)]
+    unit = result.units["volume"]
     kept = ""
     if any(demand.limit is not None for demand in result.demands):
-        kept = f"; all limits are kept in {uncertain(*result.capable, unit)}, {percent} %"
-    notes = [
-        "p90: enough at 90 % of the reachable volume; volume: where the limit is enough",
-        f"task: {task}",
-        *result.task.moved(find(result.mechanism)),
-        f"reachable volume {uncertain(*result.volume, unit)}{kept}",
-    ]
-    return [
-        Table(
-            f"{result.mechanism}, {result.working_mode}: what the joints are asked for",
-            tuple(columns), tuple(rows), units, tuple(notes), tuple(display),
+        share = uncertain(100 * result.share.value, 100 * result.share.error, "%")
+        kept = f"; all limits are kept in {uncertain(*result.capable, unit)}, {share}"
+    notes = ["p90: enough at 90 % of the reachable volume" if asked else "nothing is asked for"]
+    if kept:
+        notes[0] += "; volume: where the limit is enough"
+    notes.append(f"task: {_task_text(result, _plain_unit)}")
+    if len(asked) < len(result.demands):
+        notes.append(_idle_text(result, [d for d in result.demands if d not in asked]))
+    notes += result.task.moved(find(result.mechanism))
+    notes.append(f"reachable volume {uncertain(*result.volume, unit)}{kept}")
+    return [_demand_table(result, asked, notes)]
+
+
+def _idle_text(result: Capability, idle: Sequence[Demand]) -> str:
+    """Say which demands are 0 at every pose, and what would ask for them."""
+    moved = any(getattr(result.task, size) for size in SIZES if size != "force")
+    names = ", ".join(d.name for d in idle)
+    needed = "--payload, --tool-force" if moved else "--speed, --turn, --payload, --tool-force, .."
+    if not moved and all(d.name.endswith("_rate") for d in idle):
+        needed = "--speed, --turn, --point-speed, --rotation-speed"
+    return f"nothing is asked of {names}: {needed} do"
+
+
+def capability_data(result: Capability) -> list[Table]:
+    """Return all of it for CSV."""
+    unit = result.units["volume"]
+    numbers: dict[str, tuple[float | int | None, str]] = {
+        name: (value, kind)
+        for estimate, name, kind in (
+            (result.volume, "volume", unit), (result.capable, "capable", unit),
+            (result.share, "share", ONE),
         )
-    ]  # fmt: skip
+        for name, value in ((name, estimate.value), (f"{name}_error", estimate.error))
+        if np.isfinite(value)
+    }  # fmt: skip
+    task = result.to_dict()["task"]
+    numbers |= {f"task {name}": (size, result.units[name]) for name, size in task.items()}
+    numbers |= {name: (getattr(result, name), ONE) for name in ("samples", "reachable", "seed")}
+    numbers |= design_facts(result.params, result.units)
+    texts = {"mechanism": result.mechanism, "working mode": result.working_mode,
+             "moved": "; ".join(result.task.moved(find(result.mechanism)))}  # fmt: skip
+    return [demands_table(result), facts(numbers, texts)]
 
 
-def _task_text(result: Capability) -> str:
+def _plain_unit(text: str, unit: str) -> str:
+    """Return a number with its unit as tables have it."""
+    return text if unit == ONE else f"{text} {unit}"
+
+
+def _task_text(result: Capability, with_unit: Callable[[str, str], str] = with_unit) -> str:
     told = result.to_dict()["task"]
     parts = [
         f"{k.replace('_', ' ')} {with_unit(exact(v), result.units[k])}"

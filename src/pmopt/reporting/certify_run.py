@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,8 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Notify
 from pmopt.mechanisms.base import Mechanism, Parameters
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Table, to_csv, to_json
-from pmopt.units import span_text
+from pmopt.reporting.table import Cell, Shown, Table, design_facts, facts, to_csv, to_json
+from pmopt.units import ONE
 
 
 def run_volume(
@@ -41,7 +43,7 @@ def run_volume(
         )  # fmt: skip
         if folder is not None:
             config = {"certify": gap, "time_budget": time_budget}
-            _write(folder, result.to_dict(), volume_tables(result), settings, config)
+            _write(folder, result.to_dict(), certified_data(result), settings, config)
         return result
 
 
@@ -61,7 +63,7 @@ def run_claim(
             mechanism, parameters, settings, time_budget=time_budget, notify=notify
         )
         if folder is not None:
-            _write(folder, result.to_dict(), claim_tables(result), settings,
+            _write(folder, result.to_dict(), certified_data(result), settings,
                    {"time_budget": time_budget})  # fmt: skip
         return result
 
@@ -96,19 +98,20 @@ def _write(
 
 def volume_tables(result: CertifiedVolume) -> list[Table]:
     """Return the bounds of the volume as a row, those of the index as two."""
-    row = (result.lower, result.upper, result.gap, result.boxes, result.undecided, result.stopped)
+    gap = Shown(result.gap, f"{100 * result.gap:.3g} %")
+    bounds = [Shown(v, f"{v:.12g}") for v in (result.lower, result.upper)]
+    row: tuple[Cell, ...] = (*bounds, gap, result.boxes, result.undecided, result.stopped)
     return [
         Table(
             f"{result.mechanism}, {result.working_mode}: guaranteed bounds of the volume",
             ("lower", "upper", "gap", "boxes", "undecided", "stopped"),
             (row,),
             result.units,
-            (result.note,),
-            display=((f"{result.lower:.12g}", f"{result.upper:.12g}", f"{result.gap:.3g}",
-                      *row[3:]),),
+            (result.note, f"domain: {_domain(result.box, result.units)}"),
+            "volume",
         ),
         *([] if result.index is None else [_index_table(result, result.index)]),
-    ]  # fmt: skip
+    ]
 
 
 def _index_table(result: CertifiedVolume, index: IndexBounds) -> Table:
@@ -123,6 +126,7 @@ def _index_table(result: CertifiedVolume, index: IndexBounds) -> Table:
         tuple((name, *(None if v != v else v for v in ends)) for name, *ends in rows),
         {},
         (f"LCI of the {result.index_note}; {result.norm}-norm",),
+        "lci",
     )
 
 
@@ -130,14 +134,36 @@ def claim_tables(result: Claim) -> list[Table]:
     """Return the verdict as a row, with the witness if there is one."""
     witness = result.witness or dict.fromkeys(result.box)
     columns = ("verdict", *witness, "witness_lci", "reachable", "open_share", "boxes", "stopped")
-    row = (
+    row: tuple[Cell, ...] = (
         result.verdict, *witness.values(), result.witness_lci, result.reachable,
-        result.open_share, result.boxes, result.stopped,
+        Shown(result.open_share, f"{result.open_share:.3g}"), result.boxes, result.stopped,
     )  # fmt: skip
-    domain = ", ".join(
-        f"{name} = {span_text(ends, result.units[name])}" for name, ends in result.box.items()
-    )
     title = f"{result.mechanism}, {result.working_mode}: {result.claim}"
-    notes = [f"domain: {domain}", result.note]
+    notes = [f"domain: {_domain(result.box, result.units)}", result.note]
     notes += [f"LCI of the {result.index_note}"] if result.min_lci is not None else []
-    return [Table(title, columns, (row,), result.units, tuple(notes))]
+    return [Table(title, columns, (row,), result.units, tuple(notes), "claim")]
+
+
+def _domain(box: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
+    return ", ".join(
+        f"{name} = {low:.6g} .. {high:.6g} {units[name]}" for name, (low, high) in box.items()
+    )
+
+
+def certified_data(result: Claim | CertifiedVolume) -> list[Table]:
+    """Return all of a claim or of bounds for CSV."""
+    tables = claim_tables(result) if isinstance(result, Claim) else volume_tables(result)
+    ranges = {"domain": result.box, "limit": result.limits}
+    numbers: dict[str, tuple[float | int | None, str]] = {
+        f"{kind} {name} {side}": (value if math.isfinite(value) else None, result.units[name])
+        for kind, group in ranges.items()
+        for name, ends in group.items()
+        for side, value in zip(("lower", "upper"), ends, strict=True)
+    }
+    numbers |= design_facts(result.params, result.units)
+    texts = {"mechanism": result.mechanism, "working mode": result.working_mode,
+             "norm": result.norm, "index": result.index_note, "note": result.note}  # fmt: skip
+    if isinstance(result, Claim):
+        numbers["min_lci"] = result.min_lci, ONE
+        texts["claim"] = result.claim
+    return [*tables, facts(numbers, texts)]

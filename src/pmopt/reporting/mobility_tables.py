@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pmopt.reporting.table import Cell, Table
+from pmopt.reporting.table import Cell, Shown, Table, design_facts, facts
+from pmopt.units import ONE
 
 if TYPE_CHECKING:
     from pmopt.analysis.mobility import Decomposition, MobilityResult
@@ -16,11 +17,26 @@ def mobility_tables(result: MobilityResult) -> list[Table]:
     return [_counts(result), _systems(result), _loops(result)]
 
 
+def mobility_data(result: MobilityResult) -> list[Table]:
+    """Return all of it for CSV."""
+    pose = result.pose or {}
+    kept, dropped = result.rank_gap
+    numbers: dict[str, tuple[float | int | None, str]] = {
+        **{f"pose {name}": (value, result.units[name]) for name, value in pose.items()},
+        "least singular value kept": (kept, ONE),
+        "largest singular value dropped": (dropped, ONE),
+        **design_facts(result.params, result.units),
+    }
+    texts = {"mechanism": result.mechanism, "layout": result.layout,
+             "layout note": result.layout_note, "working mode": result.working_mode}  # fmt: skip
+    return [*mobility_tables(result), facts(numbers, texts)]
+
+
 def _counts(result: MobilityResult) -> Table:
     cycle, agreement = result.full_cycle, result.closed_form
     kinds = ", ".join(f"{kind} at {count}" for kind, count in cycle.kinds.items())
     kept, dropped = result.rank_gap
-    rows: list[tuple[Cell, ...]] = [
+    counts: list[tuple[str, Cell, str]] = [
         ("freedom", result.freedom, f"kept by a finite step: {cycle.kept_at_home}"),
         ("kind", result.kind, "translations T, rotations R of the platform"),
         ("full-cycle freedom", cycle.freedom, f"{cycle.samples} configurations: {kinds}"),
@@ -30,33 +46,43 @@ def _counts(result: MobilityResult) -> Table:
         ("Gruebler", result.gruebler.mobility, str(result.gruebler)),
     ]  # fmt: skip
     if result.gruebler_revolutes != result.gruebler:
-        rows.append(
+        counts.append(
             ("Gruebler, P_a as 4 R", result.gruebler_revolutes.mobility,
              str(result.gruebler_revolutes))
         )  # fmt: skip
-    rows += [
+    counts += [
         ("common constraints", len(result.common_constraints), _joined(result.common_constraints)),
         ("redundant constraints", result.redundant_constraints, "of all loops"),
         ("local freedoms", result.local_freedoms, "that move a limb, not the platform"),
         ("coupling degree", result.coupling_degree, _coupling_note(result)),
     ]
     if agreement is not None:
-        rows.append(
-            ("closed form agrees", agreement.holds,
+        counts.append(
+            ("closed form agrees",
+             Shown(int(agreement.holds), "yes" if agreement.holds else "no"),
              f"at {agreement.poses} poses; misfit {agreement.misfit:.1e} characteristic lengths, "
              f"twists {max(agreement.limb_angle, agreement.freedom_angle):.1e}, "
              f"Jacobian {agreement.rate_error:.1e}")
         )  # fmt: skip
     pose = result.pose or {}
-    shown = ", ".join(f"{k} = {v:.6g} {result.units[k]}" for k, v in pose.items())
+    at = ", ".join(f"{k} = {v:.6g} {result.units[k]}" for k, v in pose.items())
     mode = f"; working mode {result.working_mode}" if result.working_mode else ""
+    # In CSV what is no number has a column of its own.
+    rows = tuple(
+        (name, Shown(None, value) if isinstance(value, str) else value,
+         value if isinstance(value, str) else None, note)
+        for name, value, note in counts
+    )  # fmt: skip
     return Table(
-        f"{result.mechanism}, layout {result.layout} {shown and 'at ' + shown}".rstrip(),
-        ("quantity", "value", "note"),
-        tuple(rows),
+        f"{result.mechanism}, layout {result.layout} {at and 'at ' + at}".rstrip(),
+        ("quantity", "value", "text", "note"),
+        rows,
         {},
         (f"{result.layout_note}{mode}",
          f"ranks: least singular value kept {kept:.2g}, largest dropped {dropped:.1e}"),
+        "count",
+        prose=("note",),
+        only_csv=("text",),
     )  # fmt: skip
 
 
@@ -76,10 +102,24 @@ def _coupling_note(result: MobilityResult) -> str:
 def _systems(result: MobilityResult) -> Table:
     unit = result.length_unit
     rows: list[tuple[Cell, ...]] = []
+    last = ("", "")
 
     def add(body: str, system: str, screws: tuple[Screw, ...]) -> None:
-        texts = [screw.text(unit) for screw in screws] or ["none"]
-        rows.extend((body, f"{system} ({len(screws)})", text) for text in texts)
+        nonlocal last
+        name = f"{system} ({len(screws)})"
+        for screw in screws or (None,):
+            # A name that is repeated is shown once.
+            shown = Shown(body, "" if body == last[0] else body)
+            again = Shown(name, "" if (body, name) == last else name)
+            last = body, name
+            if screw is None:
+                rows.append((shown, again, "none", *[None] * 8))
+                continue
+            point = screw.point or (None,) * 3
+            rows.append(
+                (shown, again, screw.text(unit), screw.kind, *map(float, screw.direction),
+                 *point, screw.pitch)
+            )  # fmt: skip
 
     add("platform", "freedoms", result.freedoms)
     add("platform", "constraints", result.constraints)
@@ -87,16 +127,10 @@ def _systems(result: MobilityResult) -> Table:
         name = f"{limb.name} ({limb.joints}), {limb.poc}"
         add(name, "twists", limb.twists)
         add(name, "wrenches", limb.wrenches)
-    # A name or system that is repeated is shown once.
-    display = tuple(
-        tuple(
-            "" if i and column < 2 and rows[i - 1][: column + 1] == row[: column + 1] else cell
-            for column, cell in enumerate(row)
-        )
-        for i, row in enumerate(rows)
-    )
-    return Table("Twist and wrench systems", ("body", "system", "basis"), tuple(rows), {}, (),
-                 display)  # fmt: skip
+    numbers = (*(f"direction_{x}" for x in "xyz"), *(f"point_{x}" for x in "xyz"), "pitch")
+    return Table("Twist and wrench systems", ("body", "system", "basis", "kind", *numbers),
+                 tuple(rows), {}, (), "screw", prose=("basis",),
+                 only_csv=("kind", *numbers))  # fmt: skip
 
 
 def _loops(result: MobilityResult) -> Table:
@@ -116,4 +150,5 @@ def _loops(result: MobilityResult) -> Table:
         "Independent loops", columns, rows, {},
         ("equations: dimension of the union of what the chain and the limbs before it generate; "
          "constraint degree: freedoms - driven - equations; k = half the sum of its sizes",),
+        "loop",
     )  # fmt: skip

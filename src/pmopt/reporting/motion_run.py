@@ -17,7 +17,7 @@ from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
 from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Cell, Table, to_csv
+from pmopt.reporting.table import Cell, Shown, Table, to_csv
 from pmopt.units import ONE, effort_unit, per_second
 
 Notify = Callable[[str], None]
@@ -284,7 +284,7 @@ def summary_table(run: MotionRun) -> Table:
     return Table(
         f"{run.motion.mechanism}: what the motion asks of the actuators",
         ("joint", "quantity", "min", "max", "peak", "at", "rms", "unit"), rows, {"at": "s"},
-        tuple(notes),
+        tuple(notes), yielding=("min", "max", "at"),
     )  # fmt: skip
 
 
@@ -293,13 +293,13 @@ def spans_table(run: MotionRun) -> Table:
     t = run.motion.t
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (float(t[s.first]), float(t[s.last]), s.last - s.first + 1, s.what, float(t[s.worst]),
-         s.miss, s.unit, s.text)
+         Shown(s.miss, f"{s.miss:.3g}"), s.unit, s.text)
         for s in run.infeasible
     )  # fmt: skip
     return Table(
         f"{run.motion.mechanism}: infeasible at {run.infeasible_instants} of {len(t)} instants",
         ("from", "to", "instants", "what", "worst_at", "miss", "unit", "there"), rows,
-        {"from": "s", "to": "s", "worst_at": "s"},
+        {"from": "s", "to": "s", "worst_at": "s"}, prose=("there",),
     )  # fmt: skip
 
 
@@ -315,7 +315,7 @@ def fit_table(residuals: tuple[Residual, ...]) -> Table:
         "Fit to the recorded points",
         ("coordinate", "points", "rms", "max", "unit", "period", "offset", "amplitudes"),
         tuple(rows), {"period": "s"},
-        ("rms and max of the differences at the recorded points",),
+        ("rms and max of the differences at the recorded points",), prose=("amplitudes",),
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting import pictures, run_folder
 from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
+from pmopt.reporting.table import Table
 from pmopt.reporting.tasks import Plan
 from pmopt.synthesis.checkpoint import Checkpoint, plain
 from pmopt.synthesis.config import RunConfig
@@ -57,7 +58,14 @@ class ParetoRun:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         out = None if self.folder is None else str(self.folder)
-        return {"out": out, **self.front.to_dict(), "failures": self.failures}
+        front = [design.to_dict() for design in self.front.designs]
+        return {"out": out, **self.front.to_dict(), "front": front, "failures": self.failures}
+
+    def front_rows(self) -> Table:
+        """Return the front as ``front.csv`` has it."""
+        frame = self.tables["front"]
+        rows = zip(*(frame[name].tolist() for name in frame.columns), strict=True)
+        return Table("", tuple(frame.columns), tuple(rows), self.front.units)
 
 
 def run_pareto(

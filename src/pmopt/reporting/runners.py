@@ -31,7 +31,7 @@ from pmopt.files import read_file, read_json, sha256
 from pmopt.mechanisms import find
 from pmopt.reporting import workspace_checkpoint
 from pmopt.reporting.run_folder import manifest_to_keep
-from pmopt.reporting.table import shown, with_error
+from pmopt.reporting.table import Cell, Shown, Uncertain, shown, uncertain
 from pmopt.reporting.tasks import Plan, WorkspaceTask
 from pmopt.synthesis.checkpoint import GROWS, plain
 from pmopt.synthesis.config import SENSES, RunConfig, resolve_config
@@ -58,16 +58,31 @@ class Results(NamedTuple):
         quantity = quantity.removesuffix("_error_bound")
         return self.units.get(quantity, ONE)
 
-    def shown(self, name: str, unit: bool = True) -> str:
-        """Return a result as people read it: rounded to its error, with both and the unit."""
-        value, error = self.values.get(name), self.values.get(f"{name}_error")
-        bound = self.values.get(f"{name}_error_bound")
+    def error(self, name: str) -> float | int | None:
+        """Return the standard error of a result or, without one, the bound of its error."""
+        errors = (self.values.get(f"{name}{ending}") for ending in ERRORS)
+        return next((error for error in errors if error is not None), None)
+
+    def _bound(self, name: str) -> bool:
+        return self.values.get(f"{name}{ERRORS[0]}") is None
+
+    def shown(self, name: str) -> str:
+        """Return a result as people read it: with its error, if it has one, and its unit."""
+        value, error, unit = self.values.get(name), self.error(name), self.unit(name)
         if value is None:
             return "-"
-        beside = bound if error is None else error
-        text = shown(value) if beside is None else " ± ".join(with_error(value, beside))
-        text += "" if bound is None else " (bound)"
-        return f"{text} {self.unit(name)}" if unit and self.unit(name) != ONE else text
+        if error is not None:
+            return uncertain(value, error, unit, self._bound(name))
+        return shown(value) + ("" if unit == ONE else f" {unit}")
+
+    def cell(self, name: str, unit: bool) -> Cell:
+        """Return a result as the cell of a table, in words if the cell has to name the unit."""
+        value, error = self.values.get(name), self.error(name)
+        if value is None:
+            return None
+        if unit:
+            return Shown(value, self.shown(name))
+        return value if error is None else Uncertain(value, error, self._bound(name))
 
 
 def _rows_of(path: Path) -> list[dict[str, str]]:

@@ -24,7 +24,7 @@ from pmopt.errors import InputError
 from pmopt.reporting.gallery import Gallery, write_pictures
 from pmopt.reporting.motion_run import MotionRun, run_motion, write_origin
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Cell, Table, to_csv
+from pmopt.reporting.table import Cell, Shown, Table, to_csv
 from pmopt.units import effort_unit
 
 Notify = Callable[[str], None]
@@ -316,12 +316,17 @@ def series_table(run: SimulationRun, found: Comparison | None = None) -> Table:
                  run.units)  # fmt: skip
 
 
+def _difference(value: float | None) -> Cell:
+    """Return a difference of two nearly equal numbers, which has few digits."""
+    return None if value is None else Shown(value, f"{value:.2g}")
+
+
 def summary_table(run: SimulationRun) -> Table:
     """Return the agreement of every joint in every mode."""
     simulation, settings = run.simulation, engine_settings(run.task)
     rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (a.mode, a.joint, a.peak, a.unit, a.error, a.at, a.rms, a.tracking, a.tracking_rms,
-         a.tracking_unit)
+        (a.mode, a.joint, a.peak, a.unit, _difference(a.error), a.at, _difference(a.rms),
+         _difference(a.tracking), _difference(a.tracking_rms), a.tracking_unit)
         for a in run.agreements
     )  # fmt: skip
     notes = [

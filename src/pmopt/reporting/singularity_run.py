@@ -9,9 +9,20 @@ from pmopt.analysis.crossings import PathResult
 from pmopt.analysis.measures import KINDS
 from pmopt.analysis.singularities import Nearness, SingularityResult, find_singularities
 from pmopt.analysis.sweeper import Notify
+from pmopt.mechanisms import find
 from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
-from pmopt.reporting.table import Cell, Table, to_csv, to_json, with_error
+from pmopt.reporting.table import (
+    Cell,
+    Shown,
+    Table,
+    Uncertain,
+    design_facts,
+    facts,
+    to_csv,
+    to_json,
+)
+from pmopt.reporting.tables import bounded, design_text
 from pmopt.reporting.tasks import WorkspaceTask
 from pmopt.units import ONE
 
@@ -71,62 +82,74 @@ def _run(
 def _numbers(result: SingularityResult) -> tuple[Table, Table, Table]:
     units = result.units
     aspects: list[tuple[Cell, ...]] = [
-        (number, "+" if a.sign > 0 else "-", a.home, *a.volume, *a.share)
+        (number, Shown(a.sign, "+" if a.sign > 0 else "-"), a.home, Uncertain(*a.volume),
+         Uncertain(*a.share))
         for number, a in enumerate(result.aspects, start=1)
-    ]
-    shown = tuple(
-        (number, "+" if a.sign > 0 else "-", a.home, *with_error(*a.volume), *with_error(*a.share))
-        for number, a in enumerate(result.aspects, start=1)
-    )
-    told = "a coarser grid counts the same" if result.confirmed else (
+    ]  # fmt: skip
+    counted = "a coarser grid counts the same" if result.confirmed else (
         "a coarser grid counts others: not to be relied on"
     )  # fmt: skip
     first = Table(
         "Aspects: connected regions without forward or constraint singularity",
-        ("aspect", "sign", "home", "volume", "volume_error", "share", "share_error"),
+        ("aspect", "sign", "home", "volume", "share"),
         tuple(aspects),
-        {"volume": result.volume_unit, "volume_error": result.volume_unit},
-        (f"told apart on {result.grid} cells an axis ({told}), {result.specks} specks left out; "
+        {"volume": result.volume_unit},
+        (f"counted on {result.grid} cells an axis ({counted}), {result.specks} specks left out; "
          f"{result.samples} samples, {result.reachable} reachable",),
-        shown,
+        "aspect",
+        errors={"volume": ("volume_error",), "share": ("share_error",)},
     )  # fmt: skip
+    # For CSV a column for each coordinate that is fixed somewhere.
+    fixed = list(dict.fromkeys(name for f in result.families for name in f.fixed))
     families: list[tuple[Cell, ...]] = [
         (
             KINDS[f.kind],
             ", ".join(f"{k} = {_angle(v, units[k])}" for k, v in f.fixed.items()) or "all poses",
+            *(f.fixed.get(name) for name in fixed),
             ", ".join(f.free),
             "inside" if f.in_domain else "beyond",
-            f.largest_lci,
+            bounded(f.largest_lci, ">="),
             f.poses,
         )
         for f in result.families
     ]
     second = Table(
         "Singular families: every reachable pose of the slice is singular",
-        ("kind", "slice", "any", "domain", "largest_lci", "poses"),
+        ("kind", "slice", *fixed, "any", "domain", "largest_lci", "poses"),
         tuple(families),
-        {},
+        units,
         (
             "searched in all orientations that the limits leave; domain: whether the slice passes "
-            "through the domain of the workspace"
+            "through the domain of the workspace; largest_lci: of its sampled poses"
             if families
             else "none among the slices that fix coordinates, in all orientations",
         ),
+        "family",
+        prose=("slice", "any"),
+        only_csv=tuple(fixed),
     )
+    there = list(dict.fromkeys(name for w in result.walls for name in w.values))
     rows: list[tuple[Cell, ...]] = []
+    mechanism = find(result.mechanism)
+    main = {c.name for c in (*mechanism.joints, *mechanism.parasitic)}
     for w in result.walls:
-        values = ", ".join(f"{k} = {_angle(v, units.get(k, ''))}" for k, v in w.values.items())
+        values = ", ".join(
+            f"{k} = {_angle(v, units[k])}" for k, v in w.values.items() if k in main
+        )  # fmt: skip
         rows.append(
             (f"{w.coordinate} {'+' if w.direction > 0 else '-'}", w.value,
-             units[w.coordinate], w.what, values)
+             units[w.coordinate], w.what, values, *(w.values.get(name) for name in there))
         )  # fmt: skip
     home = ", ".join(f"{k} = {v:g} {units[k]}" for k, v in result.home.items())
     third = Table(
         f"From home ({home}) along each coordinate, the first wall",
-        ("along", "value", "unit", "wall", "there"),
+        ("along", "value", "unit", "wall", "there", *there),
         tuple(rows),
         {},
         () if rows else ("the home pose is out of reach of this design",),
+        "wall",
+        prose=("wall", "there"),
+        only_csv=tuple(there),
     )
     return first, second, third
 
@@ -148,30 +171,47 @@ def _where(found: Nearness, units: dict[str, str]) -> str:
 
 def singularity_tables(result: SingularityResult) -> list[Table]:
     """Return what was found, how near the workspace comes to singularities first."""
-    rows: list[tuple[Cell, ...]] = [
-        ("smallest lci met", result.smallest_lci, "", ""),
-        ("smallest singular value met (homogenized)", result.smallest_singular_value, "", ""),
-        ("lci at home", result.home_lci, "", ""),
-    ]
-    rows += [
-        (f"determinant, {KINDS[n.kind]}, {n.part}", n.smallest,
-         _where(n, result.units), n.condition)
-        for n in result.nearness
-    ]  # fmt: skip
-    design = ", ".join(
-        f"{k} = {v:g} {result.units[k]}".removesuffix(f" {ONE}")
-        for k, v in result.params.items()
-        if v is not None
-    )
     near = Table(
-        f"{result.mechanism}: {design}",
-        ("quantity", "smallest absolute value", "over the workspace", "vanishes where"),
-        tuple(rows),
+        f"{result.mechanism}: {design_text(result.params, result.units)}",
+        ("quantity", "value", "over the workspace", "vanishes where"),
+        tuple(_nearness(result)),
         {},
-        (f"working mode {result.working_mode}; determinants are normalised, without unit, over "
-         "sampled poses; a determinant that changes sign is 0 somewhere",),
+        (f"working mode {result.working_mode}; <= stands before what sampled poses met: the least "
+         "of all is at most that",
+         "singular values are of the homogenized Jacobian; determinants are normalised, without "
+         "unit, and taken by their size; one that changes sign is 0 somewhere"),
+        "nearness",
+        prose=("over the workspace", "vanishes where"),
     )  # fmt: skip
     return [near, *_numbers(result)]
+
+
+def singularity_data(result: SingularityResult) -> list[Table]:
+    """Return all of it for CSV."""
+    counts = {"grid": result.grid, "specks": result.specks, "confirmed": int(result.confirmed),
+              "samples": result.samples, "reachable": result.reachable,
+              "seed": result.seed}  # fmt: skip
+    numbers: dict[str, tuple[float | int | None, str]] = {
+        **{name: (n, ONE) for name, n in counts.items()},
+        **{f"home {name}": (v, result.units[name]) for name, v in result.home.items()},
+        **design_facts(result.params, result.units),
+    }
+    texts = {"mechanism": result.mechanism, "working mode": result.working_mode}
+    return [*singularity_tables(result), facts(numbers, texts)]
+
+
+def _nearness(result: SingularityResult) -> list[tuple[str, Cell, str | None, str | None]]:
+    """Return how near the workspace comes to singularities: what, how near at least, where."""
+    rows: list[tuple[str, Cell, str | None, str | None]] = [
+        ("smallest lci met", bounded(result.smallest_lci, "<="), None, None),
+        ("smallest singular value met", bounded(result.smallest_singular_value, "<="), None, None),
+        ("lci at home", result.home_lci, None, None),
+    ]
+    for n in result.nearness:
+        smallest = bounded(n.smallest, "<=") if n.smallest else Shown(0.0, "0")
+        where = _where(n, result.units)
+        rows.append((f"determinant, {KINDS[n.kind]}, {n.part}", smallest, where, n.condition))
+    return rows
 
 
 def path_tables(result: PathResult) -> list[Table]:
@@ -192,12 +232,14 @@ def path_tables(result: PathResult) -> list[Table]:
         ("rows count from 1; between rows the path is straight in the pose's coordinates",)
         if crossings
         else ("none: every determinant keeps its sign",),
+        "crossing",
     )
     second = Table(
-        "Smallest determinants met",
+        "Smallest determinants at the path's rows",
         ("kind", "part", "row", "value"),
         tuple((KINDS[n.kind], n.part, n.row, n.value) for n in result.nearest),
         {},
         (f"working mode {result.working_mode}; determinants are normalised, without unit",),
+        "smallest",
     )
     return [first, second]

@@ -1,4 +1,4 @@
-"""A table: heads with units for people, bare names for CSV."""
+"""A table: heads with units for people, bare names and full digits for CSV."""
 
 from __future__ import annotations
 
@@ -6,25 +6,74 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import ROUND_HALF_EVEN, Context, Decimal
 from typing import Any
 
 import numpy as np
 
-from pmopt.units import ONE
+from pmopt.units import ONE, exact
 
-#: Smaller values are written with a power of ten.
-_SMALL = 1e-4
-Cell = str | float | int | bool | None
+#: Smallest power of ten of a size that is written without one.
+_SMALL = -4
+#: Relative rounding of a double: no error is stated below it.
+_ROUNDING = 2.0**-52
+#: Name of the column that says which of several tables a row of CSV is from.
+TABLE = "table"
+_WIDE = Context(prec=400, rounding=ROUND_HALF_EVEN)
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A number and its error: one column where people read, two in CSV.
+
+    ``bound`` says that the error is a bound, not a standard error; ``sign`` stands before it where
+    it is itself only known from one side, ``"<="`` or ``">="``.
+    """
+
+    value: float
+    error: float
+    bound: bool = False
+    sign: str = ""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A cell that people read in other words than CSV has it."""
+
+    data: str | float | int | bool | None
+    text: str | None
+
+
+Cell = str | float | int | bool | Uncertain | Shown | None
 
 
 @dataclass(frozen=True)
 class Table:
     """Rows under named columns.
 
-    ``units`` are by column name, ``notes`` are lines below, ``display`` stands for the rows where
-    people read them, e.g. with values rounded to their errors.
+    Attributes
+    ----------
+    title : str
+    columns : tuple of str
+        Bare names, as CSV has them.
+    rows : tuple of tuple of Cell
+    units : dict
+        By column.
+    notes : tuple of str
+        Lines below the table; no part of CSV.
+    key : str
+        What CSV calls the table where it holds several.
+    errors : mapping
+        Columns of :class:`Uncertain` cells: the names of their errors in CSV, the standard error
+        first, then, if there are such, the bound of the error.
+    prose : tuple of str
+        Columns that may be broken between words.
+    yielding : tuple of str
+        Columns that give way first where there is no room.
+    only_csv, only_shown : tuple of str
+        Columns that people do not see, and those that CSV has in another form.
     """
 
     title: str
@@ -32,13 +81,70 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     units: dict[str, str]
     notes: tuple[str, ...] = ()
-    display: tuple[tuple[Cell, ...], ...] = ()
+    key: str = ""
+    errors: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    prose: tuple[str, ...] = ()
+    yielding: tuple[str, ...] = ()
+    only_csv: tuple[str, ...] = ()
+    only_shown: tuple[str, ...] = ()
 
-    def heads(self) -> list[str]:
-        """Return the column names with their units."""
-        return [
-            f"{c} ({self.units[c]})" if self.units.get(c, ONE) != ONE else c for c in self.columns
-        ]
+    def head(self, column: str) -> str:
+        """Return a column's name as people read it: with its error's name and its unit."""
+        name = column
+        if column in self.errors:
+            k = self.columns.index(column)
+            found = [row[k] for row in self.rows if isinstance(row[k], Uncertain)]
+            bounds = {cell.bound for cell in found if isinstance(cell, Uncertain)}
+            name += f" ± {'error bound' if bounds == {True} else 'error'}" if found else ""
+        unit = self.units.get(column, ONE)
+        return name if unit == ONE else f"{name} ({unit})"
+
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Return heads and rows as CSV has them: errors in columns of their own."""
+        heads: list[str] = []
+        for name in self.columns:
+            if name not in self.only_shown:
+                heads += [name, *self.errors.get(name, ())]
+        return heads, [self._spread(row) for row in self.rows]
+
+    def _spread(self, row: tuple[Cell, ...]) -> list[Any]:
+        found: list[Any] = []
+        for name, cell in zip(self.columns, row, strict=True):
+            if name in self.only_shown:
+                continue
+            names = self.errors.get(name, ())
+            errors: list[Any] = [None] * len(names)
+            plain: Any = cell
+            if isinstance(cell, Uncertain):
+                plain = _finite(cell.value)
+                errors[-1 if cell.bound else 0] = _finite(cell.error)
+            elif isinstance(cell, Shown):
+                plain = cell.data
+            found += [plain, *errors]
+        return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def facts(
+    numbers: Mapping[str, tuple[float | int | None, str]], texts: Mapping[str, str | None],
+    key: str = "about",
+) -> Table:  # fmt: skip
+    """Return what CSV says of a result beside its tables: numbers with units, then words."""
+    rows: list[tuple[Cell, ...]] = [
+        (name, value, unit, None) for name, (value, unit) in numbers.items() if value is not None
+    ]
+    rows += [(name, None, None, text) for name, text in texts.items() if text]
+    return Table("", ("quantity", "value", "unit", "text"), tuple(rows), {}, key=key)
+
+
+def design_facts(
+    params: Mapping[str, float | None], units: Mapping[str, str]
+) -> dict[str, tuple[float | None, str]]:
+    """Return a design for :func:`facts`."""
+    return {f"parameter {name}": (value, units[name]) for name, value in params.items()}
 
 
 def to_json(document: Any) -> str:
@@ -54,46 +160,101 @@ def _plain(value: Any) -> Any:
 
 
 def to_csv(tables: Sequence[Table]) -> str:
-    """Return the first table as CSV."""
+    """Return tables as CSV; of several, ``table`` says whose a row is, under all their columns."""
+    several = len(tables) > 1
+    parts = [(table.key, *table.data()) for table in tables]
+    heads = list(dict.fromkeys(name for _, names, _ in parts for name in names))
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(tables[0].columns)
-    for row in tables[0].rows:
-        writer.writerow(["" if cell is None else _csv_cell(cell) for cell in row])
+    writer.writerow([TABLE, *heads] if several else heads)
+    for key, names, rows in parts:
+        for row in rows:
+            cells = dict(zip(names, map(_csv_cell, row), strict=True))
+            line = [cells.get(name, "") for name in heads]
+            writer.writerow([key, *line] if several else line)
     return stream.getvalue().rstrip("\n")
 
 
-def _csv_cell(cell: Cell) -> str:
-    """Return a cell's text; NumPy's numbers are those they stand for."""
+def _csv_cell(cell: Any) -> str:
+    """Return a cell's text; NumPy's numbers are those they stand for, what is no number is none."""
+    if cell is None:
+        return ""
     if isinstance(cell, bool | np.bool_):
         return str(bool(cell)).lower()
-    return repr(float(cell)) if isinstance(cell, float | np.floating) else str(cell)
+    if isinstance(cell, float | np.floating):
+        return "" if math.isnan(cell) else repr(float(cell))
+    return str(cell)
 
 
-def shown(cell: Cell) -> str:
-    """Return a cell as a table shows it."""
+def shown(cell: Cell, digits: int = 6) -> str:
+    """Return a cell as a table shows it, a float with this many digits."""
     if cell is None:
         return "-"
+    if isinstance(cell, Shown):
+        return "-" if cell.text is None else cell.text
+    if isinstance(cell, Uncertain):
+        text = uncertain(cell.value, cell.error)
+        return f"{cell.sign} {text}" if cell.sign else text
     if isinstance(cell, bool | np.bool_):
         return "yes" if cell else "no"
-    return f"{cell:.6g}" if isinstance(cell, float | np.floating) else str(cell)
+    if isinstance(cell, float | np.floating):
+        return "-" if math.isnan(cell) else f"{cell + 0.0:.{digits}g}"  # no -0
+    return str(cell)
 
 
-def with_error(value: float, error: float) -> tuple[str, str]:
-    """Return a value rounded to its error's second digit, and the error with two digits."""
+def given(value: float | None) -> Cell:
+    """Return a number as it was given, whatever the room for digits."""
+    return None if value is None else Shown(value, exact(value))
+
+
+def estimated(value: float, digits: int = 2) -> str:
+    """Return a rough number with so many digits, without a power of ten: ``1200``, ``0.034``."""
+    if value == round(value) and digits > 2:  # a count that is known
+        return f"{value:.0f}"
+    return f"{Decimal(f'{value:.{digits}g}'):f}"
+
+
+def uncertain(value: float, error: float, unit: str = ONE, bound: bool = False) -> str:
+    """Return a value with its error and unit as one text, e.g. ``12.345 ± 0.012 m^3``.
+
+    The error has two digits and the value ends at the same place. Where that would need zeros that
+    are no digits, both stand over one power of ten: ``(2.15 ± 0.17)e8 mm^3``.
+
+    Parameters
+    ----------
+    value, error : float
+        A value that is NaN is ``-``; an error that is not known is ``?``. An exact value has the
+        error 0 and six digits.
+    unit : str
+    bound : bool
+        The error is a bound, not a standard error; it is said behind the unit.
+    """
+    text = _with_error(value, error)
+    text += "" if unit == ONE else f" {unit}"
+    return f"{text} (bound)" if bound and text[0] != "-" else text
+
+
+def _with_error(value: float, error: float) -> str:
     if math.isnan(value):
-        return "-", "-"
-    if not error > 0:
-        return f"{value:.6g}", "0"
-    size = max(abs(value), error)
-    if size < _SMALL:
-        digits = max(0, 1 + math.floor(math.log10(size)) - math.floor(math.log10(error)))
-        return f"{value:.{min(digits, 15)}e}", f"{error:.1e}"
-    digits = min(12, max(0, 1 - math.floor(math.log10(error))))
-    return f"{value:.{digits}f}", f"{error:.2g}"
+        return "-"
+    if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
+        return f"{value:.6g} ± ?"
+    if error == 0:
+        return f"{value + 0.0:.6g} ± 0"
+    error = max(error, _ROUNDING * abs(value))
+    place = int(f"{error:.1e}".partition("e")[2]) - 1  # of the error's second digit
+    whole, beside = (_units_of(x, place) for x in (value, error))
+    size = max(len(str(abs(whole))), len(str(beside))) - 1 + place
+    if place <= 0 and size >= _SMALL:
+        return f"{_placed(whole, place)} ± {_placed(beside, place)}"
+    return f"({_placed(whole, place - size)} ± {_placed(beside, place - size)})e{size}"
 
 
-def uncertain(value: float, error: float, unit: str = ONE) -> str:
-    """Return a value with its error and unit as one text, e.g. ``12.345 ± 0.012 m^3``."""
-    text = "-" if math.isnan(value) else " ± ".join(with_error(value, error))
-    return text if unit == ONE else f"{text} {unit}"
+def _units_of(value: float, place: int) -> int:
+    """Return a value rounded to a place, in units of that place."""
+    return int(Decimal(repr(float(value))).scaleb(-place, _WIDE).to_integral_value(ROUND_HALF_EVEN))
+
+
+def _placed(units: int, place: int) -> str:
+    """Return so many units of a place, ended there."""
+    return f"{Decimal(units).scaleb(place, _WIDE):f}"

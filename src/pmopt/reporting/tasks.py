@@ -11,7 +11,7 @@ from pmopt.analysis.validation import validated
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.base import Parameters
-from pmopt.reporting.table import Table
+from pmopt.reporting.table import Shown, Table, estimated
 from pmopt.units import ONE
 
 
@@ -79,7 +79,8 @@ class Plan:
         return Table(
             "Dry run",
             ("would", "points", "estimated_time"),
-            ((self.what, self.points, self.seconds),),
+            ((self.what, Shown(self.points, estimated(self.points, 4)),
+              Shown(self.seconds, estimated(self.seconds))),),
             self.units,
-            display=((self.what, f"{self.points:.4g}", f"{self.seconds:.2g}"),),
-        )
+            prose=("would",),
+        )  # fmt: skip

@@ -53,7 +53,7 @@ def plan(task: WorkspaceTask, threads: int | None, notify: Notify) -> Plan:
         what = f"{settings.sampler} to a relative error of {settings.target_error:g}"
     else:
         points = float(planned_samples(settings))
-        what = f"{points:.4g} samples, {settings.sampler}"
+        what = f"{points:.0f} samples, {settings.sampler}"
     return Plan(f"workspace {task.mechanism.name}: {what}", points, seconds * points / _PROBE)
 
 

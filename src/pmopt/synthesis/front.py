@@ -47,6 +47,7 @@ class FrontDesign:
             "params": self.parameters,
             **self.objectives,
             **{f"{name}_error": error for name, error in self.errors.items()},
+            **self.slack,
         }
 
 

@@ -31,6 +31,13 @@ class Unit:
 
 
 @dataclass(frozen=True)
+class UnitInWords:
+    """The unit of a field that depends on more than its key: its numbers are plain."""
+
+    words: str
+
+
+@dataclass(frozen=True)
 class UnitByName:
     """Marks a table whose keys are coordinates: each value has the unit of its coordinate.
 

@@ -186,6 +186,8 @@ def _cells(line: str) -> list[str]:
 def _pattern(text: str) -> re.Pattern[str]:
     """Return what finds a text with braces, whatever its line ends."""
     parts = [r"\s+".join(map(re.escape, p.split(" "))) for p in text.split(_SLOT)]
+    # A point or comma behind a figure is none within it.
+    parts = [re.sub(r"^(\\\.|,)", r"\1(?!\\d)", part) for part in parts]
     return re.compile(rf"([^|`]{{1,{_LONGEST}}}?)".join(parts))
 
 

@@ -58,7 +58,7 @@ def front() -> Iterator[Statement]:
     yield Says(
         "README.md",
         "l1 = l2 = 1.5 m, m = n): both limbs then sweep the same torus, the largest volume there "
-        "is (pi² l1 l2² = {} m³, GCI {}); at the other a crank of about three quarters of the link "
+        "is (pi² l1 l2² = {} m³, GCI {}). At the other end a crank of about three quarters of the link "
         "(l1 = {} m, |m - n| = {} m) gives the largest GCI, {}, for {} % less volume. The knee "
         "lies at l1 = {} m: it keeps {} % of the largest volume and {} % of the largest GCI.",
         (

@@ -71,8 +71,9 @@ def torus() -> Iterator[Statement]:
         sweeper, design = prepared("2pauu-ppap", TORUS, sampler)
         volumes = [sampled_by(sweeper, design, samples, seed).volume for seed in range(100)]
         found.append(np.array([(v.value - VOLUME) / v.error for v in volumes]))
-    first, second = (rounded(float(s.std()), ".2f", within=0.01) for s in found)
-    largest = tuple(rounded(float(np.abs(s).max()), ".1f", within=0.1) for s in found)
+    # The deviation of 100 is good to 7 %.
+    first, second = (rounded(float(s.std()), ".2f", within=0.2) for s in found)
+    largest = tuple(rounded(float(np.abs(s).max()), ".1f", within=0.8) for s in found)
     yield Says(
         PAGE,
         "had a standard deviation of {} for the R-sequence (200,000 samples) and {} for Monte "

@@ -120,6 +120,13 @@ def test_a_stale_document_is_exit_code_1():
     assert (result.returncode, result.stdout) == (0, ""), result.stdout
 
 
+@pytest.mark.slow
+def test_engines_agree_as_well_as_the_page_says():
+    command = [sys.executable, ROOT / "docs" / "make.py", "--check", "--only", "dynamics"]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (0, ""), result.stdout
+
+
 def test_a_maker_that_fails_is_a_finding():
     def broken():
         yield Says("page.md", "a")

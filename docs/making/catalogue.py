@@ -81,7 +81,7 @@ def cur() -> Iterator[Statement]:
         (shape(result.shape.workspace),),
     )
     if shape(result.projection.shape) != shape(result.shape.workspace):
-        yield Says(CUR, "the positions reached: {}", (shape(result.projection.shape),))
+        yield Says(CUR, "the positions reached: {} (", (shape(result.projection.shape),))
     yield Says(CUR, "`pmopt mobility 3-cur` gives {} |", (mobility(pmopt.mobility(name)),))
     literal = pmopt.mobility(name, layout="literal")
     yield Says(CUR, "`pmopt mobility 3-cur --layout literal` gives {}, full cycle {}.",
@@ -127,7 +127,7 @@ def ups_sp() -> Iterator[Statement]:
         rows.append((", ".join(trimmed(v, 2) for v in pose.values()), places, lengths))
     head = ("phi, theta, psi (rad), l4 (mm)", "P (mm)", "l1 .. l4 (mm)")
     yield table(SP, "poses", head, rows)
-    yield Says(SP, "{} are real at the second pose",
+    yield Says(SP, "at most eight assembly modes; {} are real at the second pose",
                (word(len(pmopt.fk(name, joints).solutions)),))  # fmt: skip
     result = workspace(name)
     yield Says(SP, "The workspace has {}; what",
@@ -171,7 +171,11 @@ def ups_sp_variants() -> Iterator[Statement]:
             ("share of the home aspect", *shares),
         ),
     )  # fmt: skip
-    yield Says(SP, "{} aspects divide it in halves", (word(len(singular(name).aspects)),))
+    yield Says(
+        SP,
+        "nothing of singularities: {} aspects divide it in halves",
+        (word(len(singular(name).aspects)),),
+    )
 
 
 def _slice(family: object) -> str:
@@ -353,7 +357,6 @@ def uu_upu_motion() -> Iterator[Statement]:
     run = pmopt.motion(f"{MOTIONS}/2uu-upu-t1.toml")
     motion = run.motion
     names = [c.name for c in find("2uu-upu").passive]
-    lengths = motion.passive.values[:, names.index("l1"), 0]
     lengths = motion.passive.values[:, names.index("l1")]
     yield Says(UPU, "with l1 between {} and {} m",
                (rounded(lengths.min(), ".4f"), rounded(lengths.max(), ".4f")))  # fmt: skip

@@ -34,6 +34,12 @@ class Says:
     text: str
     figures: tuple[Figure | str, ...] = ()
 
+    def __post_init__(self) -> None:
+        if self.text.startswith(_SLOT) or self.text.endswith(_SLOT):
+            raise ValueError(f"{self.text!r}: words are needed on either side of a figure")
+        if self.text.count(_SLOT) != len(self.figures):
+            raise ValueError(f"{self.text!r}: {len(self.figures)} figures are given")
+
 
 @dataclass(frozen=True)
 class Block:
@@ -115,9 +121,8 @@ class Page:
         found = list(_pattern(says.text).finditer(self.text))
         if len(found) != 1:
             how = "nowhere" if not found else f"{len(found)} times"
-            self.findings.append(
-                Finding(self.path, 1, how, says.text.replace(_SLOT, "%s") % _texts(says.figures))
-            )
+            said = says.text.format(*_texts(says.figures))
+            self.findings.append(Finding(self.path, 1, how, said))
             return
         for k, figure in enumerate(says.figures, start=1):
             self._compare_figure(figure, found[0][k], found[0].start(k), found[0].end(k))

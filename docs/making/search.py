@@ -58,9 +58,9 @@ def front() -> Iterator[Statement]:
     yield Says(
         "README.md",
         "l1 = l2 = 1.5 m, m = n): both limbs then sweep the same torus, the largest volume there "
-        "is (pi² l1 l2² = {} m³, GCI {}). At the other end a crank of about three quarters of the link "
-        "(l1 = {} m, |m - n| = {} m) gives the largest GCI, {}, for {} % less volume. The knee "
-        "lies at l1 = {} m: it keeps {} % of the largest volume and {} % of the largest GCI.",
+        "is (pi² l1 l2² = {} m³, GCI {}). At the other end a crank of about three quarters of the "
+        "link (l1 = {} m, |m - n| = {} m) gives the largest GCI, {}, for {} % less volume. The "
+        "knee lies at l1 = {} m: it keeps {} % of the largest volume and {} % of the largest GCI.",
         (
             rounded(torus, ".2f"),
             rounded(largest.gci, ".3f", within=INDEX),
@@ -157,7 +157,7 @@ def table_4() -> Iterator[Statement]:
     yield table(PAGE, "table-4", head, rows)
     yield Says(
         PAGE,
-        "ratios of ours to the paper's run from {} to {}",
+        "ratios of ours to the paper's run from {} to {}, so that",
         (rounded(min(ratios.values()), ".2f"), rounded(max(ratios.values()), ".2f")),
     )
 
@@ -217,6 +217,6 @@ def sizes() -> Iterator[Statement]:
     found = pmopt.workspace(NAME, samples=1 << 16).shape.workspace
     yield Says(
         PAGE,
-        "{} piece. {} enclosed void: the cavity is a pocket",
+        "figure 5: half a tyre with a cavity | {} piece. {} enclosed void: the cavity is a pocket",
         (word(found.pieces), word(found.voids).capitalize()),
     )

@@ -97,8 +97,8 @@ def quantiles() -> Iterator[Statement]:
                     shares.append(within(off))
     yield Says(
         PAGE,
-        "{} to {} % of the quantiles were within one stated error of those of 2^24 samples, {} to "
-        "{} % within two and {} to {} % within three.",
+        "of three mechanisms by each sampler, {} to {} % of the quantiles were within one stated "
+        "error of those of 2^24 samples, {} to {} % within two and {} to {} % within three.",
         spans(shares),
     )
 

@@ -10,11 +10,14 @@ import numpy as np
 
 import pmopt
 from making.figures import Figure, rounded, sampled
-from making.pages import Says, Statement, table
+from making.pages import Finding, Says, Statement, table
 from making.registry import maker
 from making.words import mobility, numbers, parameters, percent, shape, trimmed, word
+from pmopt.analysis.families import Family
+from pmopt.analysis.motion import Motion
 from pmopt.analysis.singularities import SingularityResult
 from pmopt.analysis.workspace import WorkspaceResult
+from pmopt.errors import PmoptError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.base import InverseSolution
 
@@ -58,7 +61,7 @@ def home_lci(found: SingularityResult) -> str:
 
 
 @maker("3-cur")
-def cur() -> Iterator[Statement]:
+def cur() -> Iterator[Statement | Finding]:
     """Yield sizes, a pose, volumes, shape and singularities of 3-CUR."""
     name = "3-cur"
     mechanism = find(name)
@@ -81,7 +84,7 @@ def cur() -> Iterator[Statement]:
         (shape(result.shape.workspace),),
     )
     if shape(result.projection.shape) != shape(result.shape.workspace):
-        yield Says(CUR, "the positions reached: {} (", (shape(result.projection.shape),))
+        yield Finding(CUR, 1, "positions as poses", shape(result.projection.shape))
     yield Says(CUR, "`pmopt mobility 3-cur` gives {} |", (mobility(pmopt.mobility(name)),))
     literal = pmopt.mobility(name, layout="literal")
     yield Says(CUR, "`pmopt mobility 3-cur --layout literal` gives {}, full cycle {}.",
@@ -93,7 +96,7 @@ def cur() -> Iterator[Statement]:
                (rounded(math.degrees(reach), ".0f"),))  # fmt: skip
     walls = singular(name)
     if any(n.crossed for n in walls.nearness):
-        yield Says(CUR, "some determinant changes its sign")
+        yield Finding(CUR, 1, "no change of sign", "a determinant that changes its sign")
     yield Says(CUR, "within the default limits: {} aspect, LCI at least {} |",
                (word(len(walls.aspects)), rounded(result.smallest.value, ".2f")))  # fmt: skip
 
@@ -178,13 +181,13 @@ def ups_sp_variants() -> Iterator[Statement]:
     )
 
 
-def _slice(family: object) -> str:
+def _slice(family: Family) -> str:
     """Return a singular family in words, equal values together."""
     by_value: dict[str, list[str]] = {}
-    for name, value in family.fixed.items():  # type: ignore[attr-defined]
+    for name, value in family.fixed.items():
         by_value.setdefault(f"{value + 0.0:.4g}", []).append(name)
     fixed = ", ".join(f"{' = '.join(group)} = {value}" for value, group in by_value.items())
-    return f"{fixed}, any {', '.join(family.free)}"  # type: ignore[attr-defined]
+    return f"{fixed}, any {', '.join(family.free)}"
 
 
 # --- 4-UPS-RPS ----------------------------------------------------------------------------
@@ -300,7 +303,7 @@ def _without(result: WorkspaceResult) -> str:
 
 
 @maker("2uu-upu-state")
-def uu_upu_state() -> Iterator[Statement]:
+def uu_upu_state() -> Iterator[Statement | Finding]:
     """Yield a state of 2UU-UPU from its internal coordinates, all ways around."""
     name = "2uu-upu"
     mechanism = find(name)
@@ -310,7 +313,7 @@ def uu_upu_state() -> Iterator[Statement]:
     found = inverse(name, pose)
     known = {**found.joints, **found.passive}
     if any(abs(known[k] - v) > 1e-9 for k, v in seeds.items()):
-        yield Says(UPU, "the state is another one")
+        yield Finding(UPU, 1, f"a state {seeds}", f"another one, {known}")
     yield table(
         UPU, "state",
         ("phi, kappa, psi (rad)", "x (m), beta, gamma (rad)", "y, z (m)",
@@ -379,7 +382,7 @@ def uu_upu_motion() -> Iterator[Statement]:
     yield Says("docs/motion.md", "the printed one: {} of {} instants are out of reach", count)
 
 
-def _link_angles(motion: object) -> tuple[float, float]:
+def _link_angles(motion: Motion) -> tuple[float, float]:
     """Return by how much (10) and (11) fail for the UU links, whose directions are known."""
     phi = motion.joints.values[:, 1]
     excess, height = [], []
@@ -401,8 +404,6 @@ def uu_upu_configurations() -> Iterator[Statement]:
     mechanism = find(name)
     params = mechanism.resolve({})
     rng = np.random.default_rng(1)
-    from pmopt.errors import PmoptError
-
     counts: list[int] = []
     while len(counts) < 2000:
         pose = {

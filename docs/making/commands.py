@@ -36,7 +36,7 @@ _SPAN = re.compile(r"`(pmopt [^`]*)`")
 #: A placeholder, or what is left out.
 _OPEN = re.compile(r" [A-Z]+\b|\.\.(?![\w/])|[\[{|]")
 _INDENTED = re.compile(r"^ {4}(pmopt (?:[^\n]*\\\n)*[^\n]*)$", re.MULTILINE)
-_TIMEOUT = 240
+_TIMEOUT = 900
 
 
 @dataclass(frozen=True)

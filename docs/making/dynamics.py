@@ -16,6 +16,7 @@ from making.registry import maker
 from making.words import printed
 from pmopt.analysis.laws import law_of
 from pmopt.mechanisms import find, names
+from pmopt.reporting.simulate_run import SimulationRun
 
 PAGE, MOTION = "docs/dynamics.md", "docs/motion.md"
 MOTIONS = ROOT / "configs" / "motion"
@@ -49,7 +50,7 @@ def bodies() -> Iterator[Statement]:
     yield table(PAGE, "bodies", head, rows)
 
 
-def _errors(run: pmopt.reporting.simulate_run.SimulationRun) -> dict[str, float]:
+def _errors(run: SimulationRun) -> dict[str, float]:
     return {a.joint: a.error for a in run.agreements if a.mode == "forward"}
 
 
@@ -64,7 +65,7 @@ def _about(value: float) -> Figure:
     return Figure(_two(value), value, within=0.02 * value)
 
 
-@maker("dynamics-agreement", slow=True)
+@maker("dynamics-agreement")
 def agreement() -> Iterator[Statement]:
     """Yield how well the engine agrees with the shipped motions."""
     import mujoco

@@ -111,7 +111,7 @@ def other_indices() -> Iterator[Statement]:
     best, largest = ends["homogenized"]
     yield Says(
         PAGE,
-        "Divided by l1, the ends move to l1 = {} m, GCI {}, and GCI {} at the largest volume",
+        "Divided by l1, the ends move to l1 = {} m, GCI {} and GCI {} at the largest volume",
         (
             rounded(best.l1, ".2f", within=PLACE),
             rounded(best.gci, ".3f", within=INDEX),

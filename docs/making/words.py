@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from making.figures import Figure
+from making.figures import Figure, rounded
 from making.pages import ROOT, Block, table
 from pmopt.analysis.mobility import MobilityResult
 from pmopt.analysis.shape import Topology
@@ -77,8 +78,6 @@ def run_folder(*command: str) -> Iterator[Path]:
 
 def printed(*command: str) -> str:
     """Return what a command prints on both streams, as it stands in a terminal of 100 columns."""
-    import os
-
     result = subprocess.run(
         [sys.executable, "-m", "pmopt", *command], cwd=ROOT, capture_output=True, text=True,
         env={**os.environ, "COLUMNS": "100"},
@@ -88,6 +87,4 @@ def printed(*command: str) -> str:
 
 def percent(share: float, error: float = 0.0, form: str = ".0f") -> Figure:
     """Return a share in per cent."""
-    from making.figures import rounded
-
     return rounded(100 * share, form, 100 * error)

@@ -36,7 +36,7 @@ def chosen(only: Sequence[str], slow: bool) -> list[Maker]:
         for m in MAKERS.values()
         if (any(m.name.startswith(name) for name in only) if only else slow or not m.slow)
     ]
-    return sorted(found, key=lambda m: not m.slow)
+    return sorted(found, key=lambda m: (not m.slow, not m.name.startswith("commands")))
 
 
 def state(found: Sequence[Maker], jobs: int, progress: bool) -> list[Statement | Finding]:

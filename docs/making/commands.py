@@ -36,16 +36,18 @@ _SPAN = re.compile(r"`(pmopt [^`]*)`")
 #: A placeholder, or what is left out.
 _OPEN = re.compile(r" [A-Z]+\b|\.\.(?![\w/])|[\[{|]")
 _INDENTED = re.compile(r"^ {4}(pmopt (?:[^\n]*\\\n)*[^\n]*)$", re.MULTILINE)
+_INTERPRETERS = {"sh": ("bash", "-c"), "python": (sys.executable, "-c")}
 _TIMEOUT = 900
 
 
 @dataclass(frozen=True)
 class Printed:
-    """A command of a document."""
+    """A command of a document, or a program in Python."""
 
     page: str
     line: int
     text: str
+    language: str = "sh"
 
 
 def printed_commands(page: Page) -> list[Printed]:
@@ -58,13 +60,19 @@ def printed_commands(page: Page) -> list[Printed]:
             found += [(fence.start(2), fence[2].split("\n")[0][2:])]
     prose = _FENCE.sub(lambda f: re.sub(r"[^\n]", " ", f[0]), page.text)
     found += [(m.start(), _joined(m[1])) for m in _INDENTED.finditer(prose)]
+    programs = [
+        Printed(page.path, page.text.count("\n", 0, fence.start(2)) + 1, fence[2], fence[1])
+        for fence in _FENCE.finditer(page.text)
+        if fence[1] == "python"
+    ]
     known = {_bare(text) for _, text in found}
     for span in _SPAN.finditer(prose):
         text = " ".join(span[1].split())
         if not _OPEN.search(text) and len(text.split()) > 2 and text not in known:
             known.add(text)
             found.append((span.start(), text))
-    return [Printed(page.path, page.text.count("\n", 0, at) + 1, text) for at, text in found]
+    lines = [Printed(page.path, page.text.count("\n", 0, at) + 1, text) for at, text in found]
+    return lines + programs
 
 
 def _lines(block: str, start: int) -> Iterator[tuple[int, str]]:
@@ -121,8 +129,8 @@ def _run_command(command: Printed, folder: Path, env: dict[str, str]) -> Iterato
     wanted = next((code for what, code in EXITS.items() if re.search(what, text)), 0)
     try:
         result = subprocess.run(
-            ["bash", "-c", text], cwd=folder, env=env, capture_output=True, text=True,
-            timeout=_TIMEOUT, stdin=subprocess.DEVNULL,
+            [*_INTERPRETERS[command.language], text], cwd=folder, env=env, timeout=_TIMEOUT,
+            capture_output=True, text=True, stdin=subprocess.DEVNULL,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         yield Finding(command.page, command.line, command.text, f"takes more than {_TIMEOUT} s")
@@ -130,7 +138,8 @@ def _run_command(command: Printed, folder: Path, env: dict[str, str]) -> Iterato
     if result.returncode != wanted:
         said = (result.stderr.strip() or result.stdout.strip()).split("\n")[-1]
         now = f"exit code {result.returncode}: {said}"
-        yield Finding(command.page, command.line, _bare(command.text), now)
+        first = _bare(command.text).split("\n")[0]
+        yield Finding(command.page, command.line, first, now)
 
 
 def _check_options(command: Printed, folder: Path) -> Iterator[Finding]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterator
 
 from making.pages import ROOT, Finding, Page, Says, Statement, documents
 from making.registry import maker
 
 _TEST = re.compile(r"`(?:(test_\w+\.py))?::(test_\w+)`")
+_TOML = re.compile(r"^```toml\n(.*?)^```", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"`((?:tests|benchmarks|configs|docs|src|notebooks)/[\w/.-]+\.\w+)`")
 
 
@@ -35,6 +37,19 @@ def files() -> Iterator[Finding]:
             if not (ROOT / found[1]).exists():
                 line = page.text.count("\n", 0, found.start()) + 1
                 yield Finding(path, line, found[1], "no such file")
+
+
+@maker("toml")
+def toml() -> Iterator[Finding]:
+    """Check that every TOML text of a document can be read."""
+    for path in documents():
+        page = Page.read(path)
+        for found in _TOML.finditer(page.text):
+            try:
+                tomllib.loads(found[1])
+            except tomllib.TOMLDecodeError as error:
+                line = page.text.count("\n", 0, found.start()) + 1
+                yield Finding(path, line, "a text in TOML", str(error))
 
 
 @maker("constants")

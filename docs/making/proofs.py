@@ -43,7 +43,7 @@ def _bounds(found: CertifiedVolume, form: str) -> tuple[str, str]:
 
 def _case(name: str, gap: str, form: str | None) -> Iterator[Statement]:
     found = pmopt.api.certify_volume(name, gap=float(gap))
-    title = find(name).title.partition(":")[0]
+    title = find(name).title.partition(":")[0].partition(" (")[0]
     boxes = f"{found.boxes:.1e}".replace("e+0", "e")
     yield Says(PAGE, f"| {title} | {gap} | {{}} s | {{}} |", (ANYTHING, boxes))
     if form is not None:

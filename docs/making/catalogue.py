@@ -105,8 +105,8 @@ def cur() -> Iterator[Statement | Finding]:
 def cur_finely() -> Iterator[Statement]:
     """Yield the volume of 3-CUR on a fine grid of tilts."""
     mechanism = find("3-cur")
-    volume = mechanism._integrated(mechanism.resolve({}), None, 0.12)
-    yield Says(CUR, "on a grid of 1 degree, {} on one of 0.12 degrees", (rounded(volume, ".5f"),))
+    volume = mechanism._integrated(mechanism.resolve({}), None, 0.25)
+    yield Says(CUR, "on a grid of 1 degree, {} on one of 0.25 degrees", (rounded(volume, ".5f"),))
 
 
 # --- 3-UPS/SP -----------------------------------------------------------------------------
@@ -401,22 +401,18 @@ def _link_angles(motion: Motion) -> tuple[float, float]:
 def uu_upu_configurations() -> Iterator[Statement]:
     """Yield in how many configurations poses of 2UU-UPU are reached."""
     name = "2uu-upu"
-    mechanism = find(name)
-    params = mechanism.resolve({})
+    box = pmopt.workspace(name, samples=1 << 14, shape_grid=0).box
     rng = np.random.default_rng(1)
     counts: list[int] = []
     while len(counts) < 2000:
-        pose = {
-            "x": float(rng.uniform(-0.3, 0.5)),
-            "beta": float(rng.uniform(-math.pi / 3, math.pi / 3)),
-            "gamma": float(rng.uniform(-math.pi / 3, math.pi / 3)),
-        }
+        pose = {key: float(rng.uniform(*ends)) for key, ends in box.items()}
         try:
-            found = pmopt.ik(name, pose, params).solutions
+            found = pmopt.ik(name, pose)
         except PmoptError:
             continue
-        if any(s.within_limits for s in found if s.working_mode in ("up", "down")):
-            counts.append(len(found))
+        modes = zip(found.solutions, found.within_limits, strict=True)
+        if any(inside and s.working_mode in ("up", "down") for s, inside in modes):
+            counts.append(len(found.solutions))
     shares = [np.mean(np.isin(counts, group)) for group in ((4,), (2,), (6, 8))]
     errors = [math.sqrt(p * (1 - p) / len(counts)) for p in shares]
     yield Says(

@@ -28,13 +28,13 @@ NOT_RUN = {
 #: What is shortened, and by what.
 SHORTER = {"--samples 1e9": "--samples 1e6"}
 #: What runs in the full run alone.
-SLOW = r"pmopt batch configs|pmopt warmup|pmopt pareto configs/2pauu-ppap|pmopt simulate"
+SLOW = r"pmopt batch configs|pmopt warmup|pmopt pareto configs/2pauu-ppap"
 #: What ends with another exit code than 0, and which.
 EXITS = {r"4-ups-rps-paper|2uu-upu-eq16": 2}
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 _SPAN = re.compile(r"`(pmopt [^`]*)`")
 #: A placeholder, or what is left out.
-_OPEN = re.compile(r" [A-Z]+\b|\.\.(?![\w/])|[\[{|]")
+_OPEN = re.compile(r"[ /][A-Z]+\b|\.\.(?![\w/])|[\[{|]")
 _INDENTED = re.compile(r"^ {4}(pmopt (?:[^\n]*\\\n)*[^\n]*)$", re.MULTILINE)
 _INTERPRETERS = {"sh": ("bash", "-c"), "python": (sys.executable, "-c")}
 _TIMEOUT = 900

@@ -158,11 +158,15 @@ def targets() -> Iterator[Statement]:
 @maker("errors-of-capability", slow=True)
 def capability() -> Iterator[Statement]:
     """Yield how often figures of capability are within their errors, over 80 seeds of 3-CUR."""
-    task = {"speed": 1.0, "acceleration": 10.0, "turn": 1.0, "payload": 1.0,
-            "motors": {"h1_effort": 20.0, "h1_rate": 2.0}}  # fmt: skip
+    task = {"speed": 1.0, "acceleration": 10.0, "turn": 1.0, "payload": 1.0}
+    needed = pmopt.capability("3-cur", samples=1 << 14, **task).to_dict()["demands"]
+    # Motors that are enough in half of the workspace, each.
+    motors = {d["name"]: d["needed"]["0.5"]["value"] for d in needed}
 
     def run(samples: int, seed: int) -> dict[str, tuple[float, float]]:
-        return _figures(pmopt.capability("3-cur", samples=samples, seed=seed, **task).to_dict())
+        return _figures(
+            pmopt.capability("3-cur", samples=samples, seed=seed, motors=motors, **task).to_dict()
+        )
 
     truth = run(1 << 20, 99)
     runs = [run(1 << 14, seed) for seed in range(80)]

@@ -41,7 +41,7 @@ def chosen(only: Sequence[str], slow: bool) -> list[Maker]:
 
 def state(found: Sequence[Maker], jobs: int, progress: bool) -> list[Statement | Finding]:
     """Run makers, some at once, and return all that they state, in their order."""
-    os.environ.update(NUMBA_NUM_THREADS="1", MPLBACKEND="Agg")  # of the processes to come
+    os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes to come
     context = multiprocessing.get_context("spawn")
     stated: list[Statement | Finding] = []
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare) as pool:

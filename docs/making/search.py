@@ -13,7 +13,7 @@ from making.pages import Picture, Says, Statement, table
 from making.registry import maker
 from making.words import parameters, run_folder, word
 from pmopt.analysis.workspace import WorkspaceResult
-from pmopt.mechanisms import find
+from pmopt.mechanisms import find, names
 
 NAME = "2pauu-ppap"
 PAGE = "docs/mechanisms/2pauu-ppap.md"
@@ -97,6 +97,14 @@ def front() -> Iterator[Statement]:
         ),
     )
     yield Says(PAGE, "the volume pi^2 l1 l2^2 = {} m^3", (rounded(torus, ".2f"),))
+
+
+@maker("catalogue")
+def catalogue() -> Iterator[Statement]:
+    """Yield the kind of freedoms of every mechanism, found from its joints."""
+    for name in names():
+        found = pmopt.mobility(name, samples=2)
+        yield Says("README.md", f"| [`{name}`](docs/mechanisms/{name}.md) | {{}} |", (found.kind,))
 
 
 @maker("front-of-other-indices", slow=True)

@@ -15,7 +15,11 @@ from making import commands, configuration, pictures, registry  # noqa: E402
 from making.figures import ANYTHING, Figure, rounded, sampled  # noqa: E402
 from making.pages import Block, Page, Says, documents, table  # noqa: E402
 
+from pmopt.analysis.motion_config import EngineSettings, FitSettings  # noqa: E402
+from pmopt.analysis.validation import validated  # noqa: E402
+from pmopt.errors import InputError  # noqa: E402
 from pmopt.inputs.identify import kind_of_config  # noqa: E402
+from pmopt.mechanisms import find  # noqa: E402
 from pmopt.reporting.batch_plan import SWEEP, BatchKeys  # noqa: E402
 
 # --- figures ------------------------------------------------------------------------------
@@ -211,3 +215,15 @@ def test_every_shipped_configuration_has_keys_of_the_page():
 
 def test_documents_are_all_there():
     assert {"README.md", "docs/configuration.md", "docs/images/README.md"} <= set(documents())
+
+
+def test_units_of_the_page_are_read():
+    """A period, also by coordinate, and a tolerance may have the unit that the page gives."""
+    fit = {"kind": "harmonics", "period": {"x": "800 ms", "y": "free"}}
+    units = find("2pauu-ppap").units
+    assert validated(FitSettings, fit, "fit", units).period == {"x": 0.8, "y": "free"}
+    fit["period"] = "0.5 min"
+    assert validated(FitSettings, fit, "fit", units).period == 30.0
+    assert validated(EngineSettings, {"tolerance": "0.02 %"}, "engine", units).tolerance == 0.02
+    with pytest.raises(InputError, match=r"fit: period.x='5 mm' is not allowed"):
+        validated(FitSettings, {"kind": "harmonics", "period": {"x": "5 mm"}}, "fit", units)

@@ -147,6 +147,8 @@ def _by_name(table: Any, units: Units, per: str, where: str) -> Any:
 def _number(value: Any, unit: str, where: str) -> Any:
     if isinstance(value, list | tuple):
         return [_number(item, unit, where) for item in value]
+    if isinstance(value, dict):
+        return {key: _number(item, unit, f"{where}.{key}") for key, item in value.items()}
     if not isinstance(value, str) or not _QUANTITY.match(value):
         return value
     try:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 import sys
 from dataclasses import replace
 from functools import cache
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from cli_runner import CONFIGS, csv_rows, error_line, here, pmopt, strict_json
 
-from pmopt import ik, mjcf, simulate
+from pmopt import ik, mjcf
 from pmopt.analysis.dynamics import Mover
 from pmopt.analysis.engine import Engine
 from pmopt.analysis.mjcf import to_mjcf
@@ -455,38 +454,6 @@ def test_simulate_t1(tmp_path):
     assert (tmp_path / "run2" / "simulate.png").read_bytes() == drawn
     for name in sorted(files - {"manifest.json"}):
         assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "run2" / name).read_bytes()
-
-
-ROW = re.compile(r"^\| `([\w-]+)` \| ([\d.]+) \| < 1e-9 \| ([\d.]+) \| (.+) \|$", re.MULTILINE)
-
-
-@pytest.mark.slow
-def test_figures_of_the_page(tmp_path):
-    """The table of docs/dynamics.md, from the shipped configurations."""
-    page = (CONFIGS.parent / "docs" / "dynamics.md").read_text()
-    rows = ROW.findall(page)
-    assert len(rows) == len(DESIGNS)
-    for name, hold, worst, by_joint in rows:
-        run = simulate(CONFIGS / "motion" / f"{name}.toml")
-        assert run.simulation.hold == float(hold)
-        assert run.worst < 1e-9
-        found = {a.joint: a.error for a in run.agreements if a.mode == "forward"}
-        told = dict(part.split() for part in by_joint.split(", "))
-        assert {k: float(f"{v:.2g}") for k, v in found.items()} == pytest.approx(
-            {k: float(v) for k, v in told.items()}, rel=0.02
-        )
-        assert max(told.values(), key=float) == worst
-
-
-def test_bodies_and_equations_of_the_page():
-    page = (CONFIGS.parent / "docs" / "dynamics.md").read_text()
-    for name in DESIGNS:
-        task, motion = case(name, 0)
-        tree = tree_of(task, start_of(motion))
-        engine = engine_of(task, motion)
-        rows = len(engine.partial(engine.model.qpos0)[1])
-        dependent = rows - (engine.model.nv - len(task.mechanism.joints))
-        assert f"| {name} | {len(tree.links)} | {engine.model.nv} | {rows} | {dependent} |" in page
 
 
 def test_disagreement_is_exit_code_4(tmp_path):

@@ -7,17 +7,17 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.formulas import check_constants
 from pmopt.analysis.laws import LawName
-from pmopt.analysis.settings import FiniteFloat, Range, named_mechanism
+from pmopt.analysis.settings import MECHANISM_KEY, FiniteFloat, Range, named_mechanism
 from pmopt.analysis.validation import read_config, validated
 from pmopt.errors import InputError, unknown_name
-from pmopt.inputs.fields import LENGTH, Unit, UnitByName
+from pmopt.inputs.fields import LENGTH, Unit, UnitByName, UnitInWords
 from pmopt.inputs.overrides import overridden
 from pmopt.mechanisms import Mechanism
 from pmopt.mechanisms.base import (
@@ -49,6 +49,7 @@ Size = Annotated[Positive, Unit(LENGTH)]
 Place = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], Field(strict=False), Unit(LENGTH)]
 Density = Annotated[Positive, Unit("kg/m^3")]
 Seconds = Annotated[Positive, Unit("s")]
+Gain = FiniteFloat | dict[str, FiniteFloat] | None
 Inertia = Triple | Annotated[tuple[Row, Row, Row], Field(strict=False)]
 #: Most instants of a motion.
 MAX_INSTANTS = 1_000_000
@@ -57,6 +58,11 @@ LARGEST_MASS, LARGEST_INERTIA = 1e12, 1e18
 #: What limits can be set on beside positions: rates and accelerations of all joints, efforts and
 #: power of actuated ones.
 RATE, ACCELERATION, EFFORT, POWER = "_rate", "_acceleration", "_effort", "_power"
+
+#: What keys of several tables mean.
+DENSITY_KEY = "Of its material; the default is steel"
+OFFSET_KEY = "Of the body from that place, in the link's frame"
+INERTIA_KEY = "About the centre of mass: the diagonal, or three rows"
 
 _FROZEN = ConfigDict(frozen=True, extra="forbid", strict=True)
 #: Where the points of a motion come from, and the keys that go with each source.
@@ -75,10 +81,17 @@ class FitSettings(BaseModel):
 
     model_config = _FROZEN
 
-    kind: Literal["harmonics", "spline"]
-    count: int | None = Field(default=None, ge=1, le=50)
-    period: Positive | Literal["free"] | dict[str, Positive | Literal["free"]] | None = None
-    pieces: int | None = Field(default=None, ge=1, le=10_000)
+    kind: Literal["harmonics", "spline"] = Field(description="What is fitted by least squares")
+    count: int | None = Field(default=None, ge=1, le=50, description="Of harmonics: how many")
+    period: Annotated[
+        Positive | Literal["free"] | dict[str, Positive | Literal["free"]] | None, Unit("s")
+    ] = Field(
+        default=None,
+        description="Of harmonics, one or by coordinate; `free`: the one with the least residual",
+    )
+    pieces: int | None = Field(
+        default=None, ge=1, le=10_000, description="Of the spline of degree 5: equally long ones"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -105,13 +118,19 @@ class GateSettings(BaseModel):
 
     model_config = _FROZEN
 
-    pick: Annotated[dict[str, FiniteFloat], UnitByName()]
-    place: Annotated[dict[str, FiniteFloat], UnitByName()]
-    up: str
-    height: Annotated[FiniteFloat, Unit(LENGTH)]
-    radius: Size
-    cycle: Seconds
-    cycles: int = Field(default=1, ge=1, le=10_000)
+    pick: Annotated[dict[str, FiniteFloat], UnitByName()] = Field(
+        description="One end, every coordinate"
+    )
+    place: Annotated[dict[str, FiniteFloat], UnitByName()] = Field(
+        description="The other end, every coordinate"
+    )
+    up: str = Field(description="Name of the coordinate that rises")
+    height: Annotated[FiniteFloat, Unit(LENGTH)] = Field(
+        description="How far it rises above the higher end, with its sign"
+    )
+    radius: Size = Field(description="Roundings begin and end this far from the corners")
+    cycle: Seconds = Field(description="Time there and back")
+    cycles: int = Field(default=1, ge=1, le=10_000, description="How many")
 
 
 class TrajectorySettings(BaseModel):
@@ -119,25 +138,68 @@ class TrajectorySettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="allow", strict=True)
 
-    space: Literal["task", "joint"] = "task"
-    duration: Annotated[Positive | None, Unit("s")] = None
-    step: Seconds = 0.01
-    constants: dict[str, FiniteFloat] = Field(default_factory=dict)
-    waypoints: list[Any] | None = Field(default=None, min_length=2, max_length=100_000)
-    gate: GateSettings | None = None
-    file: str | None = Field(default=None, min_length=1)
-    law: LawName = "quintic"
-    blend: Annotated[float, Field(gt=0, le=0.5)] | None = None
-    through: bool = False
-    dwell: Annotated[NotNegative, Unit("s")] = 0.0
-    max_rate: Annotated[dict[str, Positive], UnitByName("/s")] = Field(default_factory=dict)
-    max_acceleration: Annotated[dict[str, Positive], UnitByName("/s^2")] = Field(
-        default_factory=dict
+    #: Values, unit, default and meaning of the keys beside the fields.
+    FURTHER_KEYS: ClassVar = (
+        "formula of `t`, or a number",
+        "the coordinate's",
+        "",
+        "One for every coordinate, where there are no waypoints, gate or file",
     )
-    spline: Literal["quintic", "cubic"] = "quintic"
-    ends: Literal["free", "rest", "periodic"] = "free"
-    largest_step: Annotated[Positive | None, Unit("s")] = None
-    fit: FitSettings | None = None
+
+    space: Literal["task", "joint"] = Field(
+        default="task", description="Whether coordinates are the pose's or the actuated joints'"
+    )
+    duration: Annotated[Positive | None, Unit("s")] = Field(
+        default=None,
+        description="Of the whole motion. Expressions need one; of waypoints it may follow from "
+        "their times or from the largest rates, of a recording it is that of its rows",
+    )
+    step: Seconds = Field(default=0.01, description="Between two instants that are computed")
+    constants: dict[str, FiniteFloat] = Field(
+        default_factory=dict, description="Numbers by name, for the expressions"
+    )
+    waypoints: list[Any] | None = Field(
+        default=None, min_length=2, max_length=100_000,
+        description="Points to move through: lists of all coordinates in order, or tables, which "
+        "may have a time `t` in s",
+    )  # fmt: skip
+    gate: GateSettings | None = Field(default=None, description="A pick-and-place cycle")
+    file: str | None = Field(
+        default=None, min_length=1,
+        description="CSV file beside the configuration: `t` and every coordinate",
+    )  # fmt: skip
+    law: LawName = Field(
+        default="quintic", description="How a stretch between two points is run through"
+    )
+    blend: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
+        default=None,
+        description="Of the trapezoidal law: share of a stretch's time in which it accelerates. "
+        "Default: the shortest motion within `max_rate` and `max_acceleration`, else 0.25",
+    )
+    through: bool = Field(default=False, description="Do not stop at inner waypoints")
+    dwell: Annotated[NotNegative, Unit("s")] = Field(
+        default=0.0, description="Rest at each waypoint but the last, and at both ends of a gate"
+    )
+    max_rate: Annotated[dict[str, Positive], UnitByName("/s")] = Field(
+        default_factory=dict,
+        description="Largest rate by coordinate, from which the time between waypoints follows",
+    )
+    max_acceleration: Annotated[dict[str, Positive], UnitByName("/s^2")] = Field(
+        default_factory=dict, description="Largest acceleration by coordinate, with `max_rate`"
+    )
+    spline: Literal["quintic", "cubic"] = Field(
+        default="quintic", description="Through the rows of `file`"
+    )
+    ends: Literal["free", "rest", "periodic"] = Field(
+        default="free", description="Of that spline: free, at rest, or the end as the beginning"
+    )
+    largest_step: Annotated[Positive | None, Unit("s")] = Field(
+        default=None,
+        description="Largest gap between two rows of `file`. Default: 2.5 times the median",
+    )
+    fit: FitSettings | None = Field(
+        default=None, description="Fit the rows of `file` instead of passing through them"
+    )
 
     @property
     def expressions(self) -> dict[str, str | float]:
@@ -184,16 +246,16 @@ class RodSettings(BaseModel):
 
     model_config = _FROZEN
 
-    diameter: Size
-    length: Size
-    density: Density = STEEL
-    offset: Place = (0.0, 0.0, 0.0)
+    diameter: Size = Field(description="Outer diameter")
+    length: Size = Field(description="Along z of the link's frame")
+    density: Density = Field(default=STEEL, description=DENSITY_KEY)
+    offset: Place = Field(default=(0.0, 0.0, 0.0), description=OFFSET_KEY)
 
 
 class TubeSettings(RodSettings):
     """A tube: a rod with a bore."""
 
-    bore: Annotated[NotNegative, Unit(LENGTH)]
+    bore: Annotated[NotNegative, Unit(LENGTH)] = Field(description="Inner diameter")
 
     @model_validator(mode="after")
     def _thick(self) -> TubeSettings:
@@ -207,11 +269,11 @@ class DiscSettings(BaseModel):
 
     model_config = _FROZEN
 
-    diameter: Size
-    thickness: Size
-    normal: Literal["x", "y", "z"] = "z"
-    density: Density = STEEL
-    offset: Place = (0.0, 0.0, 0.0)
+    diameter: Size = Field(description="Of the disc")
+    thickness: Size = Field(description="Along its normal")
+    normal: Literal["x", "y", "z"] = Field(default="z", description="Axis of the link's frame")
+    density: Density = Field(default=STEEL, description=DENSITY_KEY)
+    offset: Place = Field(default=(0.0, 0.0, 0.0), description=OFFSET_KEY)
 
 
 class PlateSettings(BaseModel):
@@ -219,9 +281,11 @@ class PlateSettings(BaseModel):
 
     model_config = _FROZEN
 
-    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False), Unit(LENGTH)]
-    density: Density = STEEL
-    offset: Place = (0.0, 0.0, 0.0)
+    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False), Unit(LENGTH)] = Field(
+        description="Along x, y, z of the link's frame"
+    )
+    density: Density = Field(default=STEEL, description=DENSITY_KEY)
+    offset: Place = Field(default=(0.0, 0.0, 0.0), description=OFFSET_KEY)
 
 
 class TriangleSettings(BaseModel):
@@ -229,10 +293,10 @@ class TriangleSettings(BaseModel):
 
     model_config = _FROZEN
 
-    side: Size
-    thickness: Size
-    density: Density = STEEL
-    offset: Place = (0.0, 0.0, 0.0)
+    side: Size = Field(description="Of the triangle")
+    thickness: Size = Field(description="Along z of the link's frame")
+    density: Density = Field(default=STEEL, description=DENSITY_KEY)
+    offset: Place = Field(default=(0.0, 0.0, 0.0), description=OFFSET_KEY)
 
 
 _SHAPES = ("rod", "tube", "disc", "plate", "triangle")
@@ -243,9 +307,11 @@ class PayloadSettings(BaseModel):
 
     model_config = _FROZEN
 
-    mass: Annotated[NotNegative, Unit("kg")]
-    centre: Place = (0.0, 0.0, 0.0)
-    inertia: Annotated[Inertia, Unit("kg m^2")] = (0.0, 0.0, 0.0)
+    mass: Annotated[NotNegative, Unit("kg")] = Field(description="Of what the platform carries")
+    centre: Place = Field(default=(0.0, 0.0, 0.0), description="Of mass, in the platform's frame")
+    inertia: Annotated[Inertia, Unit("kg m^2")] = Field(
+        default=(0.0, 0.0, 0.0), description=INERTIA_KEY
+    )
 
 
 class BodySettings(BaseModel):
@@ -253,17 +319,38 @@ class BodySettings(BaseModel):
 
     model_config = _FROZEN
 
-    limb: int | str | None = None
-    joint: int | None = Field(default=None, ge=1)
-    part: Part | None = None
-    rod: RodSettings | None = None
-    tube: TubeSettings | None = None
-    disc: DiscSettings | None = None
-    plate: PlateSettings | None = None
-    triangle: TriangleSettings | None = None
-    mass: Annotated[NotNegative | None, Unit("kg")] = None
-    centre: Annotated[Triple | None, Unit(LENGTH)] = None
-    inertia: Annotated[Inertia | None, Unit("kg m^2")] = None
+    limb: int | str | None = Field(
+        default=None,
+        description='Number of the limb from 1, or `"platform"`; a further body needs it',
+    )
+    joint: int | None = Field(
+        default=None, ge=1, description="Number of the limb's joint that the body follows"
+    )
+    part: Part | None = Field(
+        default=None,
+        description="Of a parallelogram joint: what is behind it, or its long bars. Default: "
+        "`link`",
+    )
+    rod: RodSettings | None = Field(
+        default=None, description="A rod along z, from the origin of its link's frame"
+    )
+    tube: TubeSettings | None = Field(default=None, description="A rod with a bore")
+    disc: DiscSettings | None = Field(default=None, description="A disc about the origin")
+    plate: PlateSettings | None = Field(default=None, description="A box about the origin")
+    triangle: TriangleSettings | None = Field(
+        default=None,
+        description="An equilateral plate about the origin, a corner on the x axis",
+    )
+    mass: Annotated[NotNegative | None, Unit("kg")] = Field(
+        default=None,
+        description="Instead of a shape. Of a known body a new mass alone scales its inertia",
+    )
+    centre: Annotated[Triple | None, Unit(LENGTH)] = Field(
+        default=None, description="Of mass, in the link's frame"
+    )
+    inertia: Annotated[Inertia | None, Unit("kg m^2")] = Field(
+        default=None, description=INERTIA_KEY
+    )
 
     @property
     def shape(self) -> str | None:
@@ -292,11 +379,23 @@ class ControllerSettings(BaseModel):
 
     model_config = _FROZEN
 
-    kp: FiniteFloat | dict[str, FiniteFloat] | None = None
-    ki: FiniteFloat | dict[str, FiniteFloat] | None = None
-    kd: FiniteFloat | dict[str, FiniteFloat] | None = None
-    feedforward: bool = False
-    hold: Annotated[Positive | None, Unit("s")] = None
+    kp: Annotated[Gain, UnitInWords("N or N m, by length unit or rad")] = Field(
+        default=None,
+        description="Effort by error of position, one or by joint. Default: where no gain is "
+        "given, from the inertia that each joint feels; else 0",
+    )
+    ki: Annotated[Gain, UnitInWords("that of kp, by s")] = Field(
+        default=None, description="Effort by the error's integral over time. Default: 0"
+    )
+    kd: Annotated[Gain, UnitInWords("that of kp, times s")] = Field(
+        default=None, description="Effort by the error of the rate. Default: as kp"
+    )
+    feedforward: bool = Field(
+        default=False, description="Add the motion's own effort in the middle of the hold"
+    )
+    hold: Annotated[Positive | None, Unit("s")] = Field(
+        default=None, description="Time between two commands. Default: the engine's step"
+    )
 
 
 class EngineSettings(BaseModel):
@@ -308,9 +407,13 @@ class EngineSettings(BaseModel):
 
     model_config = _FROZEN
 
-    name: Literal["mujoco"] = "mujoco"
-    step: Seconds = 0.001
-    tolerance: Positive = 0.01
+    name: Literal["mujoco"] = Field(default="mujoco", description="The engine")
+    step: Seconds = Field(default=0.001, description="Of its integration")
+    tolerance: Annotated[Positive, Unit("%")] = Field(
+        default=0.01,
+        description="Of a joint's peak effort: largest difference of the inverse dynamics before "
+        "the comparison counts as failed",
+    )
 
 
 class MotionConfig(BaseModel):
@@ -318,19 +421,42 @@ class MotionConfig(BaseModel):
 
     model_config = _FROZEN
 
-    mechanism: str
-    parameters: dict[str, Any] = Field(default_factory=dict)
-    working_mode: str | None = None
-    gravity: Annotated[Triple | None, Unit("m/s^2")] = None
-    efforts: bool = True
-    trajectory: TrajectorySettings
-    bodies: dict[str, BodySettings] = Field(default_factory=dict)
-    payload: PayloadSettings | None = None
-    limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
-        default_factory=dict
+    mechanism: str = Field(description=MECHANISM_KEY)
+    parameters: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Design parameters by name, numbers. Default: the mechanism's own; "
+        "`pmopt info` lists them with their units",
     )
-    controller: ControllerSettings | None = None
-    engine: EngineSettings | None = None
+    working_mode: str | None = Field(
+        default=None,
+        description="By name; `pmopt info` lists them. Default: the mechanism's first",
+    )
+    gravity: Annotated[Triple | None, Unit("m/s^2")] = Field(
+        default=None, description="Along x, y, z of the base. Default: 9.81 m/s^2 downwards"
+    )
+    efforts: bool = Field(
+        default=True, description="Compute forces, torques and power, or only how it moves"
+    )
+    trajectory: TrajectorySettings = Field(description="Where it moves, and when")
+    bodies: dict[str, BodySettings] = Field(
+        default_factory=dict,
+        description="Bodies of the mechanism that are changed, by name, and further ones",
+    )
+    payload: PayloadSettings | None = Field(
+        default=None, description="On the platform; a point mass unless it has an inertia"
+    )
+    limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
+        default_factory=dict,
+        description="Ranges of joints by name, passive ones too, with `_rate` or `_acceleration` "
+        "of these, and with `_effort` or `_power` of actuated ones. Default: the mechanism's own",
+    )
+    controller: ControllerSettings | None = Field(
+        default=None,
+        description="PID on the joints, for `pmopt simulate`. Default: no forward simulation",
+    )
+    engine: EngineSettings | None = Field(
+        default=None, description="The multibody engine of `pmopt simulate`"
+    )
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,9 @@ DEFAULT_REPLICATES = 16
 #: Most samples of a run: beyond this the indices of a replicate leave the range that is tested.
 MAX_SAMPLES = 1 << 44
 
+#: What the first key of every configuration means.
+MECHANISM_KEY = "Its name, upper or lower case, with or without dashes; `pmopt list` has them"
+
 FiniteFloat = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -50,7 +53,7 @@ class _Named(BaseModel):
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    mechanism: str
+    mechanism: str = Field(description=MECHANISM_KEY)
 
 
 def named_mechanism(data: Any, where: str) -> Mechanism:
@@ -75,35 +78,97 @@ class WorkspaceSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    sampler: Literal["r-sequence", "sobol", "monte-carlo", "lines"] = "r-sequence"
-    samples: int | None = Field(default=None, ge=16, le=MAX_SAMPLES)
-    replicates: int | None = Field(default=None, ge=4, le=256)
-    grid: int | None = Field(default=None, ge=4, le=30_000)
-    target_error: Annotated[FiniteFloat | None, Unit("1")] = Field(default=None, gt=0, lt=1)
-    working_mode: str | None = None
-    norm: Annotated[Norm, BeforeValidator(_norm)] = "2"
-    jacobian: JacobianKind | None = None
+    sampler: Literal["r-sequence", "sobol", "monte-carlo", "lines"] = Field(
+        default="r-sequence",
+        description="How sample points are placed. `lines` is exact along one coordinate and the "
+        "fastest where the mechanism offers it",
+    )
+    samples: int | None = Field(
+        default=None, ge=16, le=MAX_SAMPLES,
+        description="Sample points, over all replicates. Default: 4,194,304; in a search "
+        '`"adaptive"`, which doubles them when the front has stalled',
+    )  # fmt: skip
+    replicates: int | None = Field(
+        default=None, ge=4, le=256,
+        description="Independent randomisations, from which errors are estimated. Default: about "
+        "16, with `target_error` 32",
+    )  # fmt: skip
+    grid: int | None = Field(
+        default=None, ge=4, le=30_000,
+        description="Cells on each axis of a regular grid, instead of `samples`",
+    )  # fmt: skip
+    target_error: Annotated[FiniteFloat | None, Unit("1")] = Field(
+        default=None, gt=0, lt=1,
+        description="Relative standard error of volume and GCI to sample to, instead of `samples`",
+    )  # fmt: skip
+    working_mode: str | None = Field(
+        default=None,
+        description="By name; `pmopt info` lists them. Default: the mechanism's first",
+    )
+    norm: Annotated[Norm, BeforeValidator(_norm)] = Field(
+        default="2",
+        description="Norm of the index LCI: smallest over largest singular value, or Frobenius",
+    )
+    jacobian: JacobianKind | None = Field(
+        default=None,
+        description="Whether rates of angles are made lengths by a characteristic length before "
+        "the index is taken. Default: the mechanism's",
+    )
     characteristic_length: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["optimal"] | None,
         BeforeValidator(_length),
         Unit(LENGTH),
-    ] = None
-    min_lci: Annotated[FiniteFloat, Unit("1")] = Field(default=0.0, ge=0, le=1)
-    regions: Annotated[tuple[FiniteFloat, ...], Field(strict=False)] = (0.0, 0.1, 0.3, 1.0)
+    ] = Field(
+        default=None,
+        description="Of the homogenized Jacobian; `optimal` is the one with the largest GCI. "
+        "Default: the mechanism's",
+    )
+    min_lci: Annotated[FiniteFloat, Unit("1")] = Field(
+        default=0.0, ge=0, le=1, description="Poses with a smaller index do not count"
+    )
+    regions: Annotated[tuple[FiniteFloat, ...], Field(strict=False)] = Field(
+        default=(0.0, 0.1, 0.3, 1.0),
+        description="Edges of the dexterity regions, ascending from 0 to 1",
+    )
     domain: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
-        default_factory=dict
+        default_factory=dict,
+        description="Range of each pose coordinate that is named. Default: the mechanism's own "
+        "search domain",
     )
     limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
-        default_factory=dict
+        default_factory=dict,
+        description="Range of each joint that is named, passive ones too, and of the tool's place. "
+        "Default: the mechanism's own limits",
     )
-    link_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(default=None, gt=0)
-    platform_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(default=None, gt=0)
-    cone_angle: Annotated[FiniteFloat | None, Unit("rad")] = Field(default=None, gt=0, le=math.pi)
+    link_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(
+        default=None, gt=0,
+        description="Links are capsules of this diameter that must not meet. Default: not checked",
+    )  # fmt: skip
+    platform_diameter: Annotated[FiniteFloat | None, Unit(LENGTH)] = Field(
+        default=None, gt=0,
+        description="Diameter of the platform's spokes and of the tool; needs `link_diameter`, "
+        "which is the default",
+    )  # fmt: skip
+    cone_angle: Annotated[FiniteFloat | None, Unit("rad")] = Field(
+        default=None, gt=0, le=math.pi,
+        description="Largest angle of passive U and S joints from their direction at home. "
+        "Default: not checked",
+    )  # fmt: skip
     tool: Annotated[
         tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None, Field(strict=False), Unit(LENGTH)
-    ] = None
-    aspect: Literal["home"] | None = None
-    block: Literal["translational", "rotational"] | None = None
+    ] = Field(
+        default=None,
+        description="A point in the platform's frame; positions reached are then the tool's",
+    )
+    aspect: Literal["home"] | None = Field(
+        default=None,
+        description="Count only the region around home that holds no forward or constraint "
+        "singularity",
+    )
+    block: Literal["translational", "rotational"] | None = Field(
+        default=None,
+        description="Take the index of the Jacobian's rows for lengths or for angles alone",
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> WorkspaceSettings:

@@ -31,6 +31,13 @@ class Unit:
 
 
 @dataclass(frozen=True)
+class UnitInWords:
+    """The unit of a field that depends on more than its key: its numbers are plain."""
+
+    words: str
+
+
+@dataclass(frozen=True)
 class UnitByName:
     """Marks a table whose keys are coordinates: each value has the unit of its coordinate.
 
@@ -140,6 +147,8 @@ def _by_name(table: Any, units: Units, per: str, where: str) -> Any:
 def _number(value: Any, unit: str, where: str) -> Any:
     if isinstance(value, list | tuple):
         return [_number(item, unit, where) for item in value]
+    if isinstance(value, dict):
+        return {key: _number(item, unit, f"{where}.{key}") for key, item in value.items()}
     if not isinstance(value, str) or not _QUANTITY.match(value):
         return value
     try:

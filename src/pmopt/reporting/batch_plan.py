@@ -14,7 +14,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.validation import read_toml
 from pmopt.errors import InputError, InputErrors
@@ -45,6 +47,24 @@ _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\.|$)")
 
 #: Keys of a range of values.
 _SPAN = {"start", "stop", "num"}
+
+
+class BatchKeys(BaseModel):
+    """Keys of a batch's configuration beside those of its command; see :func:`plan_runs`."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    command: Literal["pareto", "workspace", "motion"] = Field(
+        default="pareto",
+        description="What runs the configuration, and whose keys the others are. With a table "
+        "`[trajectory]` the default is motion",
+    )
+    sweep: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Dotted keys and what they are to be, one after the other: a list of values, a "
+        'range `"FROM:TO:STEP"` or `{start, stop, num}`. Every combination is a run, the last key '
+        "varies fastest",
+    )
 
 
 @dataclass(frozen=True)

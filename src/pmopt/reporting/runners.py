@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.motion_config import MotionTask, resolve_motion
-from pmopt.analysis.settings import WorkspaceSettings, named_mechanism
+from pmopt.analysis.settings import MECHANISM_KEY, WorkspaceSettings, named_mechanism
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
 from pmopt.analysis.sweeper import Notify, Sweeper
 from pmopt.analysis.validation import validated
@@ -286,11 +286,22 @@ class WorkspaceConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    mechanism: str
-    parameters: dict[str, Any] = Field(default_factory=dict)
-    workspace: WorkspaceSettings = Field(default_factory=WorkspaceSettings)
-    seed: int = Field(default=1, ge=0, lt=2**63)
-    shape_grid: int | None = None
+    mechanism: str = Field(description=MECHANISM_KEY)
+    parameters: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Design parameters by name, numbers. Default: the mechanism's own; "
+        "`pmopt info` lists them with their units",
+    )
+    workspace: WorkspaceSettings = Field(
+        default_factory=WorkspaceSettings,
+        description="How the workspace is sampled and its dexterity measured",
+    )
+    seed: int = Field(default=1, ge=0, lt=2**63, description="Of the sample points")
+    shape_grid: int | None = Field(
+        default=None,
+        description="Cells on each axis on which pieces and voids are counted, 0 for none. "
+        "Default: 96, with four coordinates 28, with five 14",
+    )
 
 
 @dataclass(frozen=True)

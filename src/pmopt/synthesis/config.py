@@ -9,11 +9,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.reads import TOOL_NEEDS, Reads
-from pmopt.analysis.settings import FiniteFloat, WorkspaceSettings, named_mechanism
+from pmopt.analysis.settings import (
+    MECHANISM_KEY,
+    FiniteFloat,
+    WorkspaceSettings,
+    named_mechanism,
+)
 from pmopt.analysis.sweeper import TOOL
 from pmopt.analysis.validation import read_config, validated
 from pmopt.errors import InputError
-from pmopt.inputs.fields import Unit, UnitByName
+from pmopt.inputs.fields import Unit, UnitByName, UnitInWords
 from pmopt.inputs.overrides import overridden
 from pmopt.inputs.quantities import QuantityError, as_quantity
 from pmopt.mechanisms import Mechanism
@@ -41,19 +46,42 @@ def objective_units(mechanism: Mechanism) -> dict[str, str]:
     }
 
 
+#: The unit of a bound.
+QUANTITY = UnitInWords("the quantity's")
+
+
 class AlgorithmSettings(BaseModel):
     """The ``[algorithm]`` table."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    name: Literal["nsga2"] = "nsga2"
-    population: int = Field(default=200, ge=4, le=100_000)
-    generations: int = Field(default=200, ge=1, le=1_000_000)
-    crossover_eta: FiniteFloat = Field(default=20.0, gt=0)
-    crossover_probability: FiniteFloat = Field(default=0.9, ge=0, le=1)
-    mutation_eta: FiniteFloat = Field(default=20.0, gt=0)
-    seed: int = Field(default=1, ge=0, lt=2**63)
-    reference: Annotated[dict[Objective, FiniteFloat], UnitByName()] = Field(default_factory=dict)
+    name: Literal["nsga2"] = Field(default="nsga2", description="The search")
+    population: int = Field(
+        default=200, ge=4, le=100_000, description="Designs of a generation, and most of the front"
+    )
+    generations: int = Field(
+        default=200, ge=1, le=1_000_000,
+        description="How many; a finished run with more of them continues",
+    )  # fmt: skip
+    crossover_eta: FiniteFloat = Field(
+        default=20.0, gt=0,
+        description="Distribution index of simulated binary crossover: larger is nearer to parents",
+    )  # fmt: skip
+    crossover_probability: FiniteFloat = Field(
+        default=0.9, ge=0, le=1, description="Of two parents to be crossed"
+    )
+    mutation_eta: FiniteFloat = Field(
+        default=20.0, gt=0,
+        description="Distribution index of polynomial mutation: larger is nearer to the design",
+    )  # fmt: skip
+    seed: int = Field(
+        default=1, ge=0, lt=2**63, description="Of the search and of all sample points"
+    )
+    reference: Annotated[dict[Objective, FiniteFloat], UnitByName()] = Field(
+        default_factory=dict,
+        description="Point from which hypervolumes are measured, by objective. Default: 0 for "
+        "what is maximised, for what is minimised the largest value over designs of the bounds",
+    )
 
 
 class ConstraintSettings(BaseModel):
@@ -61,8 +89,8 @@ class ConstraintSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    min: FiniteFloat | None = None
-    max: FiniteFloat | None = None
+    min: Annotated[FiniteFloat | None, QUANTITY] = Field(default=None, description="Least value")
+    max: Annotated[FiniteFloat | None, QUANTITY] = Field(default=None, description="Largest value")
 
     @model_validator(mode="after")
     def _consistent(self) -> ConstraintSettings:
@@ -78,7 +106,10 @@ class FinalSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    target_error: Annotated[FiniteFloat, Unit("1")] = Field(default=5e-4, ge=1e-7, lt=1)
+    target_error: Annotated[FiniteFloat, Unit("1")] = Field(
+        default=5e-4, ge=1e-7, lt=1,
+        description="Relative standard error of volume and GCI to measure each to",
+    )  # fmt: skip
 
 
 class RunConfig(BaseModel):
@@ -86,13 +117,31 @@ class RunConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    mechanism: str
-    objectives: tuple[Objective, ...] = Field(default=("volume", "gci"), strict=False)
-    parameters: dict[str, Any] = Field(default_factory=dict)
-    workspace: WorkspaceSettings = Field(default_factory=WorkspaceSettings)
-    algorithm: AlgorithmSettings = Field(default_factory=AlgorithmSettings)
-    constraints: dict[Objective, ConstraintSettings] = Field(default_factory=dict)
-    final: FinalSettings = Field(default_factory=FinalSettings)
+    mechanism: str = Field(description=MECHANISM_KEY)
+    objectives: tuple[Objective, ...] = Field(
+        default=("volume", "gci"), strict=False,
+        description="Two or more. All are maximised but `footprint`",
+    )  # fmt: skip
+    parameters: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Design parameters by name: a range `[lower, upper]` is searched, a number is "
+        "fixed. Default: the mechanism's own bounds; `pmopt info` lists them with their units",
+    )
+    workspace: WorkspaceSettings = Field(
+        default_factory=WorkspaceSettings,
+        description="How each design's workspace is sampled and its dexterity measured",
+    )
+    algorithm: AlgorithmSettings = Field(
+        default_factory=AlgorithmSettings, description="How designs are searched"
+    )
+    constraints: dict[Objective, ConstraintSettings] = Field(
+        default_factory=dict,
+        description="Bounds, inclusive, on a quantity that may be an objective",
+    )
+    final: FinalSettings = Field(
+        default_factory=FinalSettings,
+        description="How finely the designs of the front are measured at the end",
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -39,6 +39,7 @@ from killing import kill_and_resume
 import pmopt as package
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InfeasibleError, InputError
+from pmopt.numerics.elementary import power_of
 from pmopt.reporting.pareto_run import finished as pareto_finished
 from pmopt.reporting.pareto_run import run_pareto
 from pmopt.synthesis import optimise
@@ -46,6 +47,7 @@ from pmopt.synthesis.checkpoint import Checkpoint
 from pmopt.synthesis.config import AlgorithmSettings, resolve_config
 from pmopt.synthesis.front import idle_directions
 from pmopt.synthesis.nsga2 import Nsga2, crowding_distance
+from pmopt.synthesis.operators import crossed, mutated
 from pmopt.synthesis.optimise import Optimisation, hypervolume, spread
 from pmopt.synthesis.problem import DesignProblem
 
@@ -778,8 +780,11 @@ def test_spread_drops_the_smallest_share_first(points, count):
 @pytest.mark.parametrize("size", [4, 21, 40])
 @pytest.mark.parametrize("objectives", [2, 3])
 @pytest.mark.parametrize("ties", [False, True])
-def test_generations_are_those_of_pymoo(size, objectives, ties):
-    """Design for design: initial sample, tournaments, crossover, mutation, duplicates, survival."""
+def test_generations_are_those_of_pymoo(size, objectives, ties, monkeypatch):
+    """Design for design: initial sample, tournaments, crossover, mutation, duplicates, survival.
+
+    pymoo with our powers and stable sorts, where NumPy's depend on the processor.
+    """
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.core.evaluator import Evaluator
     from pymoo.core.problem import Problem
@@ -795,6 +800,9 @@ def test_generations_are_those_of_pymoo(size, objectives, ties):
         mutation=PM(eta=25.0),
     )  # fmt: skip
     theirs.setup(stated, termination=("n_gen", 15), seed=size)
+    sort = np.argsort
+    monkeypatch.setattr(np, "argsort", lambda a, **more: sort(a, **more | {"kind": "stable"}))
+    monkeypatch.setattr(np, "power", lambda x, n: power_of(x, n.flat[0]) if len(n) else x)
     settings = AlgorithmSettings(
         population=size, crossover_eta=15.0, crossover_probability=0.8, mutation_eta=25.0
     )
@@ -814,6 +822,26 @@ def test_generations_are_those_of_pymoo(size, objectives, ties):
         assert len(rows) == len(ours.variables)
         for name, kept in (("X", ours.variables), ("F", ours.objectives)):
             assert (theirs.pop.get(name) == kept).all()
+
+
+def test_operators_are_those_of_pymoo_to_rounding():
+    from pymoo.operators.crossover.sbx import cross_sbx
+    from pymoo.operators.mutation.pm import mut_pm
+
+    lower, upper = np.array([0.0, -1.0, 2.0, 1.0]), np.array([1.0, 3.0, 2.0, 1e3])
+    parents = lower + (upper - lower) * np.random.default_rng(1).random((2, 500, 4))
+    for eta in (0.5, 15.0, 20.0, 300.0):
+        full = np.full((500, 1), eta)
+        theirs = cross_sbx(parents, lower, upper, full, np.full_like(full, 0.5),
+                           np.full_like(full, 0.4), random_state=np.random.default_rng(2))  # fmt: skip
+        ours = crossed(parents, lower, upper, eta, 0.5, 0.4, np.random.default_rng(2))
+        assert (ours != parents).any()
+        np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)
+        theirs = mut_pm(parents[0], lower, upper, full[:, 0], np.full(500, 0.3),
+                        at_least_once=False, random_state=np.random.default_rng(3))  # fmt: skip
+        ours = mutated(parents[0], lower, upper, eta, 0.3, np.random.default_rng(3))
+        assert (ours != parents[0]).any()
+        np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), min_size=1, max_size=30))

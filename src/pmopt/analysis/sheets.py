@@ -22,6 +22,7 @@ from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
 from pmopt.numerics.expressions import Tape
+from pmopt.numerics.matrices import determinant, inverse
 
 #: Levels of bisection of the first cells, and of the smallest.
 _FIRST, _LAST = 4, 12
@@ -383,6 +384,6 @@ class Sheet(Enclosure):
 def _pseudo(slopes: Array) -> Array:
     """Return inverses; 0 for what has none."""
     with np.errstate(all="ignore"):
-        bad = ~(np.abs(np.linalg.det(slopes)) > 1e-30)
+        bad = ~(np.abs(determinant(slopes)) > 1e-30)
     usable = np.where(bad[:, None, None], np.eye(slopes.shape[1]), slopes)
-    return np.asarray(np.where(bad[:, None, None], 0.0, np.linalg.inv(usable)))
+    return np.asarray(np.where(bad[:, None, None], 0.0, inverse(usable)))

@@ -832,8 +832,10 @@ def test_operators_are_those_of_pymoo_to_rounding():
     parents = lower + (upper - lower) * np.random.default_rng(1).random((2, 500, 4))
     for eta in (0.5, 15.0, 20.0, 300.0):
         full = np.full((500, 1), eta)
-        theirs = cross_sbx(parents, lower, upper, full, np.full_like(full, 0.5),
-                           np.full_like(full, 0.4), random_state=np.random.default_rng(2))  # fmt: skip
+        theirs = cross_sbx(
+            parents, lower, upper, full, np.full_like(full, 0.5), np.full_like(full, 0.4),
+            random_state=np.random.default_rng(2),
+        )  # fmt: skip
         ours = crossed(parents, lower, upper, eta, 0.5, 0.4, np.random.default_rng(2))
         assert (ours != parents).any()
         np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)

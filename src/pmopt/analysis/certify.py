@@ -767,9 +767,9 @@ def index_bounds(middles: Array, ranges: Array, norm: str) -> tuple[Array, Array
 
     Notes
     -----
-    What the decomposition gives is checked, not trusted: of M = U S V^T + R singular values differ by at most
-    |R|_F, and those of U S V^T from S by factors that |U^T U - I|_F and |V^T V - I|_F bound (both
-    norms rounded up). The range adds at most its Frobenius norm (Weyl).
+    What the decomposition gives is checked, not trusted: of M = U S V^T + R singular values differ
+    by at most |R|_F, and those of U S V^T from S by factors that |U^T U - I|_F and |V^T V - I|_F
+    bound (both norms rounded up). The range adds at most its Frobenius norm (Weyl).
     """
     size = middles.shape[1]
     good = np.isfinite(middles).all(axis=(1, 2)) & np.isfinite(ranges).all(axis=(1, 2))

@@ -102,6 +102,7 @@ def run(args: list[str] | None = None) -> int:
         if getattr(sys, name) is None:  # closed by the shell: no file of a run may take its place
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     try:
+        _check_target()
         result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
@@ -138,6 +139,13 @@ def run(args: list[str] | None = None) -> int:
         return _fail(
             f"unexpected {type(error).__name__}: {error} (--debug shows where)", EXIT_RUNTIME
         )
+
+
+def _check_target() -> None:
+    """Refuse a target that there is not, before anything is compiled for it."""
+    given = os.environ.get("PMOPT_TARGET")
+    if given and given not in ("haswell", "host"):
+        raise InputError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: haswell, host")
 
 
 def _resume_hint() -> str:

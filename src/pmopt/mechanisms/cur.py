@@ -679,7 +679,9 @@ class Cur(Mechanism):
         for k, (sign, (cos_k, sin_k)) in enumerate(zip(signs, _AZIMUTHS, strict=True)):
             out = product(rotation, [cos_k, sin_k, 0.0])
             w = length * (turns[2 * k] * out + turns[2 * k + 1] * rotation[:, 2])
-            links.append(_Link(rb * out, product(rotation, [-sin_k, cos_k, 0.0]), w, sign * float(w[2])))
+            links.append(
+                _Link(rb * out, product(rotation, [-sin_k, cos_k, 0.0]), w, sign * float(w[2]))
+            )
         x, y = length * (c * px - s * py), length * (s * px + c * py)
         return links, (float(x), float(y), alpha), float(gap)
 
@@ -703,8 +705,12 @@ class Cur(Mechanism):
             found = {
                 "theta2": elementary.atan2(product(-first, radial), product(first, tangential)),
                 "theta3": elementary.atan2(link[2], product(link, x2)),
-                "theta4": elementary.atan2(product(second, np.cross(first, axis)), product(first, axis)),
-                "theta5": elementary.atan2(product(w, rotation[:, 2]), product(w, product(rotation, radial))),
+                "theta4": elementary.atan2(
+                    product(second, np.cross(first, axis)), product(first, axis)
+                ),
+                "theta5": elementary.atan2(
+                    product(w, rotation[:, 2]), product(w, product(rotation, radial))
+                ),
                 "elevation": elementary.asin(min(max(w[2] / length, -1.0), 1.0)),
             }
             values |= {f"{name}_{k}": float(v) for name, v in found.items()}

@@ -313,7 +313,8 @@ class PauuPpap(Mechanism):
         m, n, l1, l2, c = _lengths(parameters)
         shift = m - n
         low, high = (
-            math.sqrt(max(r * r - shift * shift, 0.0)) for r in (max(abs(l1 - l2), abs(shift)), l1 + l2)
+            math.sqrt(max(r * r - shift * shift, 0.0))
+            for r in (max(abs(l1 - l2), abs(shift)), l1 + l2)
         )
         top = parameters.get("h")
         room = high if top is None else min(high, top - 2 * c)

@@ -863,7 +863,8 @@ class UuUpu(Mechanism):
         x_q = _pose_rates(rates(parameters, at, scaled=True), at.rotation)
         across, o = at.rotation[:, 0], at.rotation[:, 1]
         # rho^2 = L^2 / (excess + 1); the determinant is |f| cos phi cos^2 beta dP_x/dv.
-        shrink = (across[0] * across[0] + across[1] * across[1]) * math.sqrt(max(at.bar[0] + 1.0, TINY))
+        shrink = across[0] * across[0] + across[1] * across[1]
+        shrink *= math.sqrt(max(at.bar[0] + 1.0, TINY))
         extreme = -float(determinant(x_q) / (max(shrink, TINY) * (length + big_r)))
         direction = np.array([elementary.cos(at.theta1), 0.0, -elementary.sin(at.theta1)])
         in_line = elementary.cos(at.q[1] + at.delta2)
@@ -974,7 +975,8 @@ class UuUpu(Mechanism):
             if not high - low < 2 * math.pi:
                 return [1.0, 0.0, -2.0]
             middle = (low + high) / 2
-            return [elementary.cos(middle), elementary.sin(middle), elementary.cos((high - low) / 2) - 4e-16]
+            sine, cosine = elementary.sin_cos(middle)
+            return [cosine, sine, elementary.cos((high - low) / 2) - 4e-16]
 
         home = _root(parameters, self.home(parameters), working_mode)
         # Without a home there is nothing to measure from: every cone angle counts as 90 degrees.
@@ -1021,10 +1023,11 @@ def _about_y(angle: float) -> Matrix:
 
 def _yaw(rotation: Matrix, beta: float, gamma: float) -> float:
     """Return alpha of Rot = Rz(alpha) Ry(beta) Rx(gamma), at beta = 90 degrees too."""
-    sb, cb, sg, cg = elementary.sin(beta), elementary.cos(beta), elementary.sin(gamma), elementary.cos(gamma)
+    (sb, cb), (sg, cg) = elementary.sin_cos(beta), elementary.sin_cos(gamma)
     first, second = np.array([[cb, sb * sg, sb * cg], [0.0, cg, -sg]])
     x, y = rotation[0], rotation[1]
-    return elementary.atan2(product(y, first) - product(x, second), product(x, first) + product(y, second))
+    across = product(y, first) - product(x, second)
+    return elementary.atan2(across, product(x, first) + product(y, second))
 
 
 def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
@@ -1037,15 +1040,15 @@ def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
 
 def _curve(pose: Mapping[str, float]) -> tuple[float, float, float, float]:
     """Return m, mu, sin w and cos w."""
-    m = elementary.cos(pose["beta"]) * elementary.sin(pose["gamma"])
-    rise, level = elementary.sin(pose["beta"]), elementary.cos(pose["beta"]) * elementary.cos(pose["gamma"])
+    (rise, cb), (sg, cg) = (elementary.sin_cos(pose[name]) for name in ("beta", "gamma"))
+    m, level = cb * sg, cb * cg
     mu = math.hypot(rise, level) + TINY
     return m, mu, rise / mu, level / mu
 
 
 def _q(u: float, curve: tuple[float, float, float, float]) -> Vector:
     sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, *curve)
-    return np.array([elementary.atan2(sphi, cphi), elementary.atan2(sk, ck), elementary.atan2(spsi, cpsi)])
+    return elementary.each(elementary.atan2, [sphi, sk, spsi], [cphi, ck, cpsi])
 
 
 def _nearest(
@@ -1057,7 +1060,7 @@ def _nearest(
         miss, slope, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
             pose["x"], pose["beta"], pose["gamma"], (a, c, l2, r, big_r, s, up, far)
         )
-    q = np.array([elementary.atan2(sphi, cphi), elementary.atan2(sk, ck), elementary.atan2(spsi, cpsi)])
+    q = elementary.each(elementary.atan2, [sphi, sk, spsi], [cphi, ck, cpsi])
     return q, miss, slope, s
 
 

@@ -73,7 +73,7 @@ def determinant(matrices: Values) -> Values:
 
 
 def solve(matrices: Values, right: Values) -> Values:
-    """Return ``matrices**-1 @ right``, of matrices (.., n, n) and (.., n, m); not finite if singular."""
+    """Return ``matrices**-1 @ right``, (.., n, m); not finite where a matrix is singular."""
     given = np.asarray(matrices, dtype=np.float64)
     flat = given.reshape(-1, *given.shape[-2:])
     sides = np.broadcast_to(right, (*given.shape[:-1], np.shape(right)[-1]))
@@ -170,9 +170,9 @@ def singular_values(matrices: Values) -> Values:
 
 
 def eigen(matrices: Values) -> tuple[Values, Values]:
-    """Return eigenvalues (.., n), ascending, and vectors (.., n, n), columns, of symmetric matrices.
+    """Return eigenvalues (.., n), ascending, and vectors (.., n, n), columns.
 
-    Cyclic Jacobi rotations; only one triangle is not preferred: matrices have to be symmetric.
+    Cyclic Jacobi rotations; the matrices have to be symmetric.
     """
     given = np.asarray(matrices, dtype=np.float64)
     a = given.reshape(-1, *given.shape[-2:]).copy()

@@ -412,6 +412,9 @@ class Batch:
                     if isinstance(outcome, PmoptError):
                         outcome = Outcome("failed", str(outcome))
                     self._keep(run, outcome)
+                    manifest = read_manifest(self.run_folder(run)) or {}
+                    for line in manifest.get("resume_notes", []):
+                        notify(f"{run.name}: {line}")
                     if on_done is not None:
                         on_done(self.summary_of(run))
             result = BatchResult(self.folder, tuple(self.summary_of(run) for run in own))

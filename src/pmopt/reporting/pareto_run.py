@@ -113,8 +113,13 @@ def _run(
         folder.reopen()
     optimisation = Optimisation(problem)
     generations = []
+
+    def note(line: str) -> None:
+        if checkpoint is not None:
+            checkpoint.note_designs(line, notify)
+
     try:
-        for generation in optimisation.generations(recorded):
+        for generation in optimisation.generations(recorded, note):
             if checkpoint is not None and not generation.recorded:
                 checkpoint.save(generation.number, generation.record)
             generations.append(generation)
@@ -147,8 +152,8 @@ def _run(
     tables["front"] = front_table(front)
     tables["regions"] = regions_table(front, config)
     if folder is not None:
-        resumes = checkpoint.resumes if checkpoint else []
-        write_run(folder, config, front, tables, resumes, problem.failures)
+        notes = (checkpoint.resumes, checkpoint.notes) if checkpoint else ([], [])
+        write_run(folder, config, front, tables, notes, problem.failures)
     for line in front.remarks():
         if notify:
             notify(line)
@@ -210,16 +215,17 @@ def write_run(
     config: RunConfig,
     front: Front,
     tables: dict[str, pd.DataFrame],
-    resumes: list[int],
+    taken_up: tuple[list[int], list[str]],
     failures: dict[str, int],
 ) -> None:
-    """Write tables, pictures and the manifest."""
+    """Write tables, pictures and the manifest, with where and how the run was taken up."""
     document = {
         "mechanism": config.mechanism,
         "config": plain(config),
         "seed": config.algorithm.seed,
         "result": front.to_dict(),
-        "resumes": resumes,
+        "resumes": taken_up[0],
+        "resume_notes": taken_up[1],
         "failures": failures,
         "units": front.units,
     }

@@ -51,7 +51,7 @@ class Nsga2:
     def __init__(self, settings: AlgorithmSettings, lower: Array, upper: Array, seed: int) -> None:
         self.settings = settings
         self.lower, self.upper = lower, upper
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.Generator(np.random.PCG64(seed))
         self.variables = np.empty((0, len(lower)))
         self.objectives = self.excess = np.empty((0, 0))
         self._violation = self._crowding = np.empty(0)
@@ -60,6 +60,10 @@ class Nsga2:
     def generator(self) -> dict[str, Any]:
         """State of the random generator: whole numbers and names."""
         return dict(self._random.bit_generator.state)
+
+    @generator.setter
+    def generator(self, state: dict[str, Any]) -> None:
+        self._random.bit_generator.state = state
 
     def ask(self) -> Array:
         """Return the designs of the next generation, none where all would be known ones."""
@@ -150,7 +154,13 @@ class Nsga2:
         if crosses.any():
             random.random((matings, 1))  # pymoo draws whether children may be exchanged: always
             born = crossed(
-                parents, self.lower, self.upper, settings.crossover_eta, _CROSSED, _EXCHANGED, random
+                parents,
+                self.lower,
+                self.upper,
+                settings.crossover_eta,
+                _CROSSED,
+                _EXCHANGED,
+                random,
             )
             children[:, crosses] = born[:, crosses]
         children = children.reshape(-1, len(self.lower))

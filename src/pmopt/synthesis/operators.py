@@ -1,10 +1,9 @@
 """Simulated binary crossover and polynomial mutation, the same bits on every processor.
 
-They are pymoo's (``pymoo.operators.crossover.sbx.cross_sbx``, ``pymoo.operators.mutation.pm.mut_pm``;
-Deb and Agrawal 1995, Deb and Goyal 1996): the same formulas, and the same numbers drawn in the same
-order. Those take powers by NumPy, whose last bits depend on the processor's vector instructions; one
-such bit in one child is another search some generations later. Here powers are
-:func:`pmopt.numerics.elementary.power_of`.
+They are pymoo's ``cross_sbx`` and ``mut_pm`` (Deb and Agrawal 1995, Deb and Goyal 1996): the same
+formulas, and the same numbers drawn in the same order. Those take powers by NumPy, whose last bits
+depend on the processor's vector instructions; one such bit in one child is another search some
+generations later. Here powers are :func:`pmopt.numerics.elementary.power_of`.
 """
 
 from __future__ import annotations

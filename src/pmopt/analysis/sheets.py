@@ -22,7 +22,7 @@ from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
 from pmopt.numerics.expressions import Tape
-from pmopt.numerics.matrices import determinant, inverse
+from pmopt.numerics.matrices import determinant, inverse, product
 
 #: Levels of bisection of the first cells, and of the smallest.
 _FIRST, _LAST = 4, 12
@@ -288,9 +288,8 @@ class Sheet(Enclosure):
             part[self._size :, -1] = trial.T
             mids, ranges = self.matrices(self.evaluate(self._slopes, part), m)
             with np.errstate(invalid="ignore", over="ignore"):
-                lost = np.abs(eye - inverse[rest] @ mids) + absolute[rest] @ (
-                    ranges + rounding * np.abs(mids)
-                )
+                lost = np.abs(eye - product(inverse[rest], mids))
+                lost += product(absolute[rest], ranges + rounding * np.abs(mids))
                 image = off[rest] + np.einsum("nij,nj->ni", lost, trial)
                 image *= 1 + rounding
                 good = (image < trial).all(axis=1)

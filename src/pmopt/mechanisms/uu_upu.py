@@ -1141,7 +1141,7 @@ def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, lis
     # t falls from start to end, where the links are stretched or v = 180 degrees.
     largest = (a * a + c * c - length * length) / (2 * a * c)
     start = elementary.asinh(mu / m)
-    end = -start if largest <= -1.0 else -math.inf if largest >= 1.0 else math.atanh(largest)
+    end = -start if largest <= -1.0 else -math.inf if largest >= 1.0 else elementary.atanh(largest)
     if end == -math.inf or end >= start:
         return {1.0: [], -1.0: []}
     stretched = end > -start

@@ -199,6 +199,11 @@ def asinh(x: float) -> float:
     return math.copysign(found, x)
 
 
+def atanh(x: float) -> float:
+    """Return the inverse of the hyperbolic tangent, of numbers in (-1, 1)."""
+    return asinh(x / math.sqrt((1.0 - x) * (1.0 + x)))
+
+
 def power(x: float, exponent: float) -> float:
     """Return x to a power; x > 0 where the exponent is not whole."""
     if float(exponent).is_integer() and abs(exponent) <= _WHOLE:

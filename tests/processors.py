@@ -124,7 +124,8 @@ def of_mechanism(folder, name):
     keep("adaptive", "pareto", config, *quiet, "--set", "workspace.samples=adaptive", "--set",
          "algorithm.seed=7", forms=("csv",))  # fmt: skip
     keep("batch", "batch", config, "--workers", 1, "--quiet", "--set", "algorithm.seed=1,2",
-         "--set", "algorithm.generations=3", "--out", folder / "batch", forms=("json",))  # fmt: skip
+         "--set", "algorithm.generations=3", "--out", folder / "batch",
+         forms=("json",))  # fmt: skip
 
 
 def plain(path, folder):

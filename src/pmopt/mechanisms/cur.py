@@ -51,7 +51,7 @@ from pmopt.mechanisms.cur_forward import cur_assemble, cur_MODES, cur_WORK
 from pmopt.numerics import elementary
 from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import crossed
-from pmopt.numerics.matrices import determinant, norm_of, product, solve
+from pmopt.numerics.matrices import determinant, dot, norm_of, product, solve
 from pmopt.numerics.octics import bernstein, nodes
 from pmopt.numerics.rotation import rotation_matrices
 from pmopt.numerics.trigonometry import arc_tangent, sin_cos
@@ -703,13 +703,11 @@ class Cur(Mechanism):
             first, second = self._axes(given, length)
             x2, link = np.cross(first, _Z), np.cross(second, first)
             found = {
-                "theta2": elementary.atan2(product(-first, radial), product(first, tangential)),
-                "theta3": elementary.atan2(link[2], product(link, x2)),
-                "theta4": elementary.atan2(
-                    product(second, np.cross(first, axis)), product(first, axis)
-                ),
+                "theta2": elementary.atan2(dot(-first, radial), dot(first, tangential)),
+                "theta3": elementary.atan2(link[2], dot(link, x2)),
+                "theta4": elementary.atan2(dot(second, np.cross(first, axis)), dot(first, axis)),
                 "theta5": elementary.atan2(
-                    product(w, rotation[:, 2]), product(w, product(rotation, radial))
+                    dot(w, rotation[:, 2]), dot(w, product(rotation, radial))
                 ),
                 "elevation": elementary.asin(min(max(w[2] / length, -1.0), 1.0)),
             }
@@ -722,7 +720,7 @@ class Cur(Mechanism):
         second = np.cross(link.e, link.w) / length
         first = np.cross(_Z, second)
         first /= max(norm_of(first), TINY)
-        return first if product(first, link.e) > 0 else -first, second
+        return first if dot(first, link.e) > 0 else -first, second
 
     def assembly_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`cur_assemble`."""

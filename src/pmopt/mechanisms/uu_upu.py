@@ -63,7 +63,7 @@ from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.mechanisms.uu_upu_forward import uu_assemble
 from pmopt.numerics import elementary
 from pmopt.numerics.assembly import Assembler
-from pmopt.numerics.matrices import determinant, product
+from pmopt.numerics.matrices import determinant, dot, product
 from pmopt.numerics.trigonometry import arc_tangent, sin_cos
 
 TINY = 1e-300
@@ -1026,8 +1026,8 @@ def _yaw(rotation: Matrix, beta: float, gamma: float) -> float:
     (sb, cb), (sg, cg) = elementary.sin_cos(beta), elementary.sin_cos(gamma)
     first, second = np.array([[cb, sb * sg, sb * cg], [0.0, cg, -sg]])
     x, y = rotation[0], rotation[1]
-    across = product(y, first) - product(x, second)
-    return elementary.atan2(across, product(x, first) + product(y, second))
+    across = dot(y, first) - dot(x, second)
+    return elementary.atan2(across, dot(x, first) + dot(y, second))
 
 
 def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:

@@ -127,7 +127,7 @@ def tan(angle: float) -> float:
 
 def atan2(y: float, x: float) -> float:
     """Return the angle of (x, y), both finite, in [-pi, pi]."""
-    return float(arc_tangent(float(y), float(x)))
+    return float(arc_tangent(float(y), float(x)))  # type: ignore[no-untyped-call]
 
 
 def asin(x: float) -> float:

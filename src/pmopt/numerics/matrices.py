@@ -9,7 +9,7 @@ nothing.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Values = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ _STILL = 1e-15
 _MOST_SWEEPS = 30
 
 
-def product(first: Values, second: Values) -> Values:
+def product(first: ArrayLike, second: ArrayLike) -> Values:
     """Return ``first @ second``: matrices, stacks of them, or vectors as ``@`` takes them."""
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     row, column = a.ndim == 1, b.ndim == 1

@@ -104,11 +104,11 @@ def of_mechanism(folder, name):
          "1mm,2mm,3mm", "--shape-grid", 0, *design)  # fmt: skip
     if name == "2pauu-ppap":
         keep("certify", "workspace", name, "--certify", 0.1, *design)
-    keep("singularities", "singularities", name, "--samples", 4096, "--grid", 7, "--threads", 1,
+    keep("singularities", "singularities", name, "--samples", 2048, "--grid", 6, "--threads", 1,
          "--out", folder / "singularities", *design, forms=("json",))  # fmt: skip
-    keep("singularities-table", "singularities", name, "--samples", 4096, "--grid", 7,
-         "--threads", 1, *design, forms=("csv",))  # fmt: skip
-    keep("path", "singularities", name, "--path", folder / "poses.csv", *design)
+    table_of(folder / "path.csv", names, poses[:2])
+    keep("crossings", "singularities", name, "--path", folder / "path.csv", *design,
+         forms=("json",))  # fmt: skip
     keep("capability", "capability", name, "--samples", 2048, "--payload", 2, "--speed", 0.1,
          "--acceleration", 1, "--threads", 1, "--out", folder / "capability", *design,
          forms=("json",))  # fmt: skip

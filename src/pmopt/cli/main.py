@@ -144,8 +144,8 @@ def run(args: list[str] | None = None) -> int:
 def _check_target() -> None:
     """Refuse a target that there is not, before anything is compiled for it."""
     given = os.environ.get("PMOPT_TARGET")
-    if given and given not in ("haswell", "host"):
-        raise InputError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: haswell, host")
+    if given and given not in ("host", "haswell"):
+        raise InputError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: host, haswell")
 
 
 def _resume_hint() -> str:

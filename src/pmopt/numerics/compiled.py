@@ -9,9 +9,9 @@ Files are written whole or not at all, so that processes that begin at once on a
 meet half a file, and begin with a hash of their place and content: what is cut short, altered or
 another entry's is compiled anew, never run.
 
-Code is made for a fixed kind of processor, :data:`FIXED`, wherever the one at hand runs it: which
-products and sums are fused, and with them the last bits, is then the same on all of them.
-``$PMOPT_TARGET`` says ``host`` for code that uses all that the processor at hand has.
+Code is made for the processor at hand. Texts ask for no fast arithmetic, so that its bits are those
+of code for any other. ``$PMOPT_TARGET`` says ``haswell`` for code that every x86-64 with AVX2 and
+FMA runs: machines of several kinds then share one cache.
 
 Machine code is taken from files that this user or root owns and that nobody else can write. Where
 the cache has others, or cannot be written, a folder of this user's own is used beside it.
@@ -62,11 +62,11 @@ _KINDS: dict[str, Any] = {
     "int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double,
     "uint8": ctypes.c_uint8, "int32": ctypes.c_int32,
 }  # fmt: skip
-#: LLVM's name of the processor that code is made for, of 2013 and later, and what one must have.
+#: LLVM's name of the oldest processor of its kind (2013), and what runs code for it.
 FIXED = "haswell"
 _NEEDED = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt")
 #: What ``$PMOPT_TARGET`` may say; the first is the default.
-TARGETS = (FIXED, "host")
+TARGETS = ("host", FIXED)
 _lock = threading.Lock()
 _engines: list[Any] = []  # what keeps loaded machine code alive
 
@@ -179,7 +179,7 @@ def _machine() -> tuple[str, ...]:
 
 
 class Target(NamedTuple):
-    """The processor that code is made for, as LLVM calls it and what it has beside its own."""
+    """The processor that code is made for: LLVM's name of it, and what it has beside its own."""
 
     cpu: str
     features: str
@@ -188,7 +188,7 @@ class Target(NamedTuple):
 def target() -> Target:
     """Return what code is made for: see ``$PMOPT_TARGET``.
 
-    A processor that cannot run the fixed one's code has its own.
+    A processor that cannot run the code of :data:`FIXED` has its own.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def target() -> Target:
     """
     import llvmlite.binding as llvm
 
-    given = os.environ.get("PMOPT_TARGET") or FIXED
+    given = os.environ.get("PMOPT_TARGET") or TARGETS[0]
     if given not in TARGETS:
         raise ValueError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: {', '.join(TARGETS)}")
     features = llvm.get_host_cpu_features()

@@ -476,6 +476,31 @@ def test_forms(undisturbed, tmp_path):
     assert result.stderr.endswith("holds this batch, finished: nothing to do\n")
 
 
+def test_a_run_begun_on_another_installation_goes_on(write, tmp_path):
+    """It is said in a line with the run's name, and kept in its manifest."""
+    batch = batch_of(tmp_path, write("one.toml"))
+    run(batch)
+    whole = results(batch.folder)
+    folder = batch.folder / "runs" / "one"
+    (folder / "manifest.json").unlink()
+    (folder / "checkpoint" / "generation-0000004.bin").unlink()
+    record = folder / "checkpoint" / "run.json"
+    document = json.loads(record.read_text())
+    document["installation"]["versions"]["numpy"] = "1.0"
+    document["installation"]["processor"] = "Z80"
+    record.write_text(json.dumps(document))
+    lines = []
+    assert batch.run(Here(), notify=lines.append).complete
+    (line,) = lines
+    assert line.startswith("one: resumed with numpy ")
+    assert ", begun with 1.0; on " in line
+    assert ", begun on Z80" in line
+    assert json.loads((folder / "manifest.json").read_text())["resume_notes"] == [line[5:]]
+    assert results(batch.folder).keys() == whole.keys()
+    same = [k for k in whole if k != "summary.csv"]  # that has the time it took
+    assert [k for k in same if results(batch.folder)[k] != whole[k]] == []
+
+
 def test_a_run_that_fails_stops_no_other(write, tmp_path):
     paths = [write("a.toml", INFEASIBLE), write("b.toml", PARETO)]
     result = here("batch", *paths, "--workers", 2, "--out", "out", "--format", "json", cwd=tmp_path)

@@ -113,6 +113,23 @@ def test_machine_code_of_another_machine_is_not_taken(cache, monkeypatch, part):
     assert kernels().folder == before
 
 
+@pytest.mark.skipif(
+    not all(llvm.get_host_cpu_features().get(n) for n in compiled._NEEDED), reason="an older one"
+)
+def test_code_for_another_kind_of_processor_is_another_folder(cache, monkeypatch):
+    """It is made in a process of its own where numba has settled here, and is the same for all."""
+    host = kernels()
+    monkeypatch.setenv("PMOPT_TARGET", "haswell")
+    fixed = kernels()
+    assert fixed.folder != host.folder
+    monkeypatch.setattr(compiled, "_numba_target", [])  # another has imported numba
+    monkeypatch.setitem(sys.modules, "numba", types.ModuleType("numba"))
+    assert called(fixed) == [3.0, 6.0]
+    assert cache.made == ["scale"]
+    monkeypatch.setattr(llvm, "get_host_cpu_name", lambda: "znver9")
+    assert kernels().folder == fixed.folder
+
+
 FOLDERS = """
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sweeper import Sweeper

@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import json
 import math
 import random
 import re
@@ -39,6 +40,8 @@ from killing import kill_and_resume
 import pmopt as package
 from pmopt.analysis.workspace import compute_workspace
 from pmopt.errors import InfeasibleError, InputError
+from pmopt.installation import versions
+from pmopt.numerics.elementary import power_of
 from pmopt.reporting.pareto_run import finished as pareto_finished
 from pmopt.reporting.pareto_run import run_pareto
 from pmopt.synthesis import optimise
@@ -46,6 +49,7 @@ from pmopt.synthesis.checkpoint import Checkpoint
 from pmopt.synthesis.config import AlgorithmSettings, resolve_config
 from pmopt.synthesis.front import idle_directions
 from pmopt.synthesis.nsga2 import Nsga2, crowding_distance
+from pmopt.synthesis.operators import crossed, mutated
 from pmopt.synthesis.optimise import Optimisation, hypervolume, spread
 from pmopt.synthesis.problem import DesignProblem
 
@@ -569,17 +573,74 @@ def test_damaged_run_file_is_refused(cut_off, text):
 def test_run_file_with_a_damaged_configuration(cut_off, stored):
     path = cut_off / "checkpoint" / "run.json"
     document = strict_json(path.read_text())
-    kept = f'"schema": {document["schema"]}, "version": "{document["version"]}", "resumes": []'
+    kept = f'"schema": {document["schema"]}, "notes": [], "resumes": []'
     path.write_text(f'{{{kept}, "config": {stored}}}')
     with pytest.raises(InputError):
         run_pareto(config_of(), cut_off, resume=True)
 
 
-def test_run_of_another_version_is_refused(cut_off):
+def begun_with(folder, **versions):
+    """Have the record of a run say that it was begun with other versions."""
+    path = folder / "checkpoint" / "run.json"
+    document = strict_json(path.read_text())
+    document["installation"]["versions"] |= versions
+    path.write_text(json.dumps(document))
+
+
+def test_run_of_other_versions_goes_on(cut_off, finished):
+    begun_with(cut_off, pymoo="0.1.2", pmopt="0.0.0")
+    lines = []
+    run_pareto(config_of(), cut_off, resume=True, notify=lines.append)
+    now = versions()
+    assert lines[0] == (
+        f"resumed with pmopt {now['pmopt']}, begun with 0.0.0; with pymoo {now['pymoo']}, "
+        "begun with 0.1.2: what is recorded is kept as it is"
+    )
+    assert manifest_of(cut_off)["resume_notes"] == lines[:1]
+    assert read(cut_off) == read(finished[0])
+
+
+def test_run_of_another_processor_goes_on(cut_off, monkeypatch):
+    """What is said once is not said of the same installation again."""
+    monkeypatch.setattr("pmopt.installation.processor", lambda: "Pentium")
+    for expected in (1, 1):
+        lines = []
+        run_pareto(config_of(generations=GENERATIONS + 1), cut_off, resume=True, force=False,
+                   notify=lines.append)  # fmt: skip
+        notes = manifest_of(cut_off)["resume_notes"]
+        assert len(notes) == expected
+        assert notes[0].startswith("resumed on Pentium, begun on ")
+        (cut_off / "manifest.json").unlink()
+
+
+def test_another_form_of_checkpoint_is_refused(cut_off):
     path = cut_off / "checkpoint" / "run.json"
-    path.write_text(re.sub('"version": "[^"]*"', '"version": "0.0.0"', path.read_text()))
-    with pytest.raises(InputError, match=r"0\.0\.0.*--force"):
+    path.write_text(re.sub('"schema": [0-9]*', '"schema": 4', path.read_text()))
+    with pytest.raises(InputError, match=r"form 4 by pmopt \S+, this one .*finish .*--force"):
         run_pareto(config_of(), cut_off, resume=True)
+
+
+def test_a_record_that_differs_in_last_digits_is_the_truth(cut_off, finished):
+    """Of another processor, or other operators: the search goes on from what is recorded."""
+    problem = DesignProblem(config_of())
+    checkpoint = Checkpoint(cut_off, problem)
+    recorded = checkpoint.resume()
+    changed = recorded[1]
+    moved = changed.evaluated.variables.copy()
+    moved[::2] = np.nextafter(moved[::2], 0.0)
+    evaluated = replace(changed.evaluated, variables=moved)
+    checkpoint.save(2, replace(changed, evaluated=evaluated))
+    checkpoint.flush()
+    lines = []
+    run_pareto(config_of(), cut_off, resume=True, notify=lines.append)
+    assert "from generation 2 on" in lines[0]
+    assert manifest_of(cut_off)["resume_notes"] == lines[:1]
+    rows = table(cut_off, "evaluations")
+    assert len(rows) == len(table(finished[0], "evaluations"))
+    found = np.array([[float(row[k]) for k in problem.variables] for row in rows])
+    first = len(recorded[0].evaluated)
+    assert (found[first : first + len(moved)] == moved).all()
+    assert rows != table(finished[0], "evaluations")
 
 
 # --- adaptive samples ---------------------------------------------------------------------
@@ -779,8 +840,11 @@ def test_spread_drops_the_smallest_share_first(points, count):
 @pytest.mark.parametrize("size", [4, 21, 40])
 @pytest.mark.parametrize("objectives", [2, 3])
 @pytest.mark.parametrize("ties", [False, True])
-def test_generations_are_those_of_pymoo(size, objectives, ties):
-    """Design for design: initial sample, tournaments, crossover, mutation, duplicates, survival."""
+def test_generations_are_those_of_pymoo(size, objectives, ties, monkeypatch):
+    """Design for design: initial sample, tournaments, crossover, mutation, duplicates, survival.
+
+    pymoo with our powers and stable sorts, where NumPy's depend on the processor.
+    """
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.core.evaluator import Evaluator
     from pymoo.core.problem import Problem
@@ -796,6 +860,9 @@ def test_generations_are_those_of_pymoo(size, objectives, ties):
         mutation=PM(eta=25.0),
     )  # fmt: skip
     theirs.setup(stated, termination=("n_gen", 15), seed=size)
+    sort = np.argsort
+    monkeypatch.setattr(np, "argsort", lambda a, **more: sort(a, **more | {"kind": "stable"}))
+    monkeypatch.setattr(np, "power", lambda x, n: power_of(x, n.flat[0]) if len(n) else x)
     settings = AlgorithmSettings(
         population=size, crossover_eta=15.0, crossover_probability=0.8, mutation_eta=25.0
     )
@@ -815,6 +882,28 @@ def test_generations_are_those_of_pymoo(size, objectives, ties):
         assert len(rows) == len(ours.variables)
         for name, kept in (("X", ours.variables), ("F", ours.objectives)):
             assert (theirs.pop.get(name) == kept).all()
+
+
+def test_operators_are_those_of_pymoo_to_rounding():
+    from pymoo.operators.crossover.sbx import cross_sbx
+    from pymoo.operators.mutation.pm import mut_pm
+
+    lower, upper = np.array([0.0, -1.0, 2.0, 1.0]), np.array([1.0, 3.0, 2.0, 1e3])
+    parents = lower + (upper - lower) * np.random.default_rng(1).random((2, 500, 4))
+    for eta in (0.5, 15.0, 20.0, 300.0):
+        full = np.full((500, 1), eta)
+        theirs = cross_sbx(
+            parents, lower, upper, full, np.full_like(full, 0.5), np.full_like(full, 0.4),
+            random_state=np.random.default_rng(2),
+        )  # fmt: skip
+        ours = crossed(parents, lower, upper, eta, 0.5, 0.4, np.random.default_rng(2))
+        assert (ours != parents).any()
+        np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)
+        theirs = mut_pm(parents[0], lower, upper, full[:, 0], np.full(500, 0.3),
+                        at_least_once=False, random_state=np.random.default_rng(3))  # fmt: skip
+        ours = mutated(parents[0], lower, upper, eta, 0.3, np.random.default_rng(3))
+        assert (ours != parents[0]).any()
+        np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), min_size=1, max_size=30))
@@ -1217,17 +1306,29 @@ def test_checkpoint_is_told_by_its_folder(finished, tmp_path):
     assert not Checkpoint.exists(tmp_path)
 
 
-def test_checkpoint_of_another_installation_is_refused(finished):
-    """Designs that this installation would not ask for are no part of the run."""
+def test_records_of_another_installation_are_taken_up():
+    """Designs or random numbers that this installation would not have are told as recorded."""
     problem = DesignProblem(config_of())
-    search = Optimisation(problem)
-    recorded = [g.record for g in search.generations()]
+    recorded = [g.record for g in Optimisation(problem).generations()]
     second = recorded[1].evaluated
     moved = replace(recorded[1], evaluated=replace(second, variables=second.variables + 1e-9))
     drawn = replace(recorded[1], generator=recorded[2].generator)
-    for other in (moved, drawn):
-        with pytest.raises(package.PmoptError, match="generation 2"):
-            list(Optimisation(problem).generations([recorded[0], other]))
+    asked = replace(recorded[1], asked=recorded[2].generator)
+    for other in (moved, drawn, asked):
+        lines = []
+        again = [
+            g.record for g in Optimisation(problem).generations([recorded[0], other], lines.append)
+        ]
+        assert again[:2] == [recorded[0], other]
+        assert len(again) == len(recorded)
+        assert len(lines) == 1
+        assert "from generation 2 on" in lines[0]
+    lines = []
+    again = [g.record for g in Optimisation(problem).generations(recorded[:2], lines.append)]
+    assert lines == []
+    for one, other in zip(again, recorded, strict=True):
+        assert (one.evaluated.table() == other.evaluated.table()).all()
+        assert (one.asked, one.generator) == (other.asked, other.generator)
 
 
 def test_active_bounds_leave_a_front(tmp_path):

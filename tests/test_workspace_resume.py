@@ -103,6 +103,25 @@ def test_cut_off_and_taken_up_again(in_one_go, tmp_path, monkeypatch, every_bloc
     assert resumed > 0
 
 
+def test_begun_on_another_installation(in_one_go, tmp_path, monkeypatch, every_block):
+    """What was summed there is kept; a line says so, and the manifest."""
+    folder, task = tmp_path / "run", task_of(**RUNS["samples"])
+    with monkeypatch.context() as patch:
+        Stopper(patch, 2)
+        patch.setattr("pmopt.installation.processor", lambda: "Z80")
+        patch.setattr("pmopt.installation.__version__", "0.0.1")
+        with pytest.raises(KeyboardInterrupt):
+            workspace_run.run_workspace(task, folder)
+    lines = []
+    workspace_run.run_workspace(task, folder, resume=True, notify=lines.append)
+    (line,) = lines
+    assert line.startswith("resumed with pmopt ")
+    assert "begun with 0.0.1; on " in line
+    assert ", begun on Z80" in line
+    assert strict_json((folder / "manifest.json").read_text())["resume_notes"] == [line]
+    assert outputs(folder) == outputs(in_one_go("samples"))
+
+
 @given(st.sampled_from(SHORT), st.data())
 def test_sums_come_back_as_plain_numbers(name, data):
     """From any state on, written and read, the result is the same."""

@@ -4,6 +4,9 @@ A run's folder holds a folder ``checkpoint``: ``run.json`` says what was asked f
 numbered file holds a table of numbers that was reached. Every file is written whole and holds a
 hash of the rest of it, and tables carry the key of their run: what is torn, altered or another
 run's is never taken for its own.
+
+What is recorded is the truth: it is taken up on any processor and with any version of pmopt and of
+what computes. Which ones began the run is recorded too, and a line says what has changed since.
 """
 
 from __future__ import annotations
@@ -24,11 +27,12 @@ from numpy.typing import NDArray
 
 from pmopt.errors import InputError, PmoptError
 from pmopt.files import read_json, remove_leftovers, write_atomic
+from pmopt.installation import changes as installation_changes
+from pmopt.installation import installation
 from pmopt.swap import NEXT
-from pmopt.version import __version__
 
-#: Of run.json and of the numbered files; another one is refused.
-SCHEMA = 4
+#: Form of run.json and of the numbered files; another one is refused.
+SCHEMA = 5
 FOLDER = "checkpoint"
 RUN = "run.json"
 #: Most bytes of the lines that precede a table, and of a table.
@@ -67,7 +71,7 @@ class CheckpointFolder:
     unit : str
         What the numbers of files count, the first part of their names.
     config : dict
-        All that the tables depend on but the version of pmopt; what JSON can hold.
+        All that the tables depend on but the installation; what JSON can hold.
     grows : mapping
         By dotted key of the configuration, whether a run may be continued from one value to
         another.
@@ -89,8 +93,10 @@ class CheckpointFolder:
             for name in path:
                 table = table[name]
             table[last] = table[last] is not None
-        self._key = _digest(_canonical([SCHEMA, __version__, command, same]))
+        self._key = _digest(_canonical([SCHEMA, command, same]))
         self.resumes: list[int] = []
+        self.notes: list[str] = []
+        self._noted = False
 
     @staticmethod
     def exists(folder: Path) -> bool:
@@ -113,7 +119,7 @@ class CheckpointFolder:
 
     def start(self) -> None:
         """Begin a new run, and then forget any earlier one."""
-        self.resumes = []
+        self.resumes, self.notes = [], []
         self._write_run()
         self._remove(self._files())
 
@@ -130,27 +136,32 @@ class CheckpointFolder:
         except OSError as error:
             raise PmoptError(f"{path}: can not remove: {error.strerror or error}") from error
 
-    def check(self) -> None:
+    def check(self, notify: Notify | None = None) -> None:
         """Refuse to continue what is not this run, or this run cut off.
+
+        Another installation continues it, with a line that says so.
 
         Raises
         ------
         InputError
-            When the folder's run had another command, version or configuration; the differences
-            are named.
+            When the folder's run had another command or configuration, whose differences are
+            named, or its files another form.
         """
         path = self.folder / RUN
         try:
             run = read_json(path)
-            schema, version = run["schema"], run["version"]
-            if (schema, version) != (SCHEMA, __version__):
+            schema, began = run["schema"], run.get("installation")
+            if schema != SCHEMA:
+                version = (began or {}).get("versions", {}).get("pmopt") or run["version"]
                 raise InputError(
-                    f"{path}: was written by pmopt {version} (schema {schema}), this is "
-                    f"{__version__} (schema {SCHEMA}); --force starts afresh"
+                    f"{path}: was written in form {schema} by pmopt {version}, this one takes up "
+                    f"form {SCHEMA}: finish the run with pmopt {version}, or --force starts afresh"
                 )
-            if run.pop("sha256") != _digest(_canonical(run)):
+            if run["sha256"] != _run_digest(run):
                 raise ValueError
             command, config, resumes = run["command"], run["config"], run["resumes"]
+            notes = [str(note) for note in run["notes"]]
+            changed = installation_changes(began or {}, installation())
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             raise InputError(f"{path}: is no checkpoint of pmopt; --force starts afresh") from None
         if command != self.command:
@@ -158,7 +169,22 @@ class CheckpointFolder:
         place = self.folder.parent
         place = place.parent if place.name == NEXT else place
         refuse_changes(place, config, self.config, self.grows)
-        self.resumes = resumes
+        self.resumes, self.notes = resumes, notes
+        self._noted = bool(changed)
+        if changed:
+            self.note(changed, notify)
+
+    def note(self, line: str, notify: Notify | None = None) -> None:
+        """Keep a line on how the run was taken up, for its manifest, and say it."""
+        self.notes.append(line)
+        if notify:
+            notify(line)
+
+    def note_designs(self, line: str, notify: Notify | None = None) -> None:
+        """Keep a line on what another installation does otherwise, unless one says that it is."""
+        if not self._noted:
+            self.note(line, notify)
+            self._write_run()
 
     def taken_up(self, number: int) -> None:
         """Record that the run goes on from a number."""
@@ -203,12 +229,13 @@ class CheckpointFolder:
         remove_leftovers(self.folder)
         document = {
             "schema": SCHEMA,
-            "version": __version__,
+            "installation": installation(),
             "command": self.command,
             "config": self.config,
             "resumes": self.resumes,
+            "notes": self.notes,
         }
-        document["sha256"] = _digest(_canonical(document))
+        document["sha256"] = _run_digest(document)
         write_atomic(self.folder / RUN, json.dumps(document, indent=1))
 
     def _path(self, number: int) -> Path:
@@ -247,6 +274,12 @@ def _newest(folder: Path) -> Path:
 
 def _canonical(document: Any) -> bytes:
     return json.dumps(document, sort_keys=True).encode()
+
+
+def _run_digest(document: Mapping[str, Any]) -> str:
+    """Return the hash of what a run depends on: it may be taken up on any installation."""
+    kept = {k: v for k, v in document.items() if k not in ("sha256", "installation")}
+    return _digest(_canonical(kept))
 
 
 def _digest(data: bytes) -> str:

@@ -20,6 +20,7 @@ from pmopt.mechanisms.base import Mechanism, Vector
 from pmopt.numerics import sequences
 from pmopt.numerics.bins import bins_of
 from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.matrices import determinant, inverse, singular_values
 from pmopt.numerics.specialise import ENTRIES
 from pmopt.units import exact
 
@@ -40,7 +41,7 @@ def determinants(sweeper: Sweeper, design: Design, poses: NDArray[np.float64]) -
         entries = sweeper.probe(design, poses[:, start : start + _CHUNK]).entries
         norms = np.linalg.norm(entries, axis=2, keepdims=True)
         scaled = entries / np.where(norms > 0, norms, 1.0)
-        found[start : start + _CHUNK] = np.linalg.det(np.nan_to_num(scaled))
+        found[start : start + _CHUNK] = determinant(np.nan_to_num(scaled))
     return found
 
 
@@ -209,13 +210,13 @@ class FieldSweeper(Sweeper):
             part = inside[start : start + _CHUNK]
             entries = self.probe(design, poses[:, part]).entries
             entries = entries / np.abs(entries).max(axis=(1, 2), keepdims=True)
-            regular = np.linalg.det(entries) != 0
-            jacobian = np.linalg.inv(entries[regular])[:, rows]
-            values = np.linalg.svd(jacobian, compute_uv=False)
+            regular = determinant(entries) != 0
+            jacobian = inverse(entries[regular])[:, rows]
+            values = singular_values(jacobian)
             if self.settings.norm == "2":
                 index = values[:, -1] / values[:, 0]
             else:
-                index = 1 / np.sqrt((values**2).sum(axis=1) * (values**-2.0).sum(axis=1))
+                index = 1 / np.sqrt((values**2).sum(axis=1) * (1 / values**2).sum(axis=1))
             lci[part[regular]] = index
         return lci
 

@@ -37,6 +37,7 @@ from pmopt.inputs.quantities import QuantityError, as_quantity
 from pmopt.mechanisms import find
 from pmopt.mechanisms.base import Mechanism, Parameters, as_number
 from pmopt.mechanisms.bodies import Body, MassProperties
+from pmopt.numerics import matrices
 from pmopt.numerics.sequences import BLOCK
 from pmopt.units import METRES, ONE, effort_unit, unit_of
 
@@ -281,14 +282,8 @@ class Demands:
         inverse = rest.inverse_jacobian
         known = np.isfinite(inverse).all(axis=(1, 2))
         transposed = np.full_like(inverse, np.nan)
-        with np.errstate(over="ignore"):
-            try:
-                transposed[known] = np.linalg.inv(inverse[known]).transpose(0, 2, 1)
-            except np.linalg.LinAlgError:
-                condition = np.linalg.cond(inverse[known])
-                kept = np.flatnonzero(known)[condition < 1e15]
-                transposed[kept] = np.linalg.inv(inverse[kept]).transpose(0, 2, 1)
-        linear = transposed @ rest.mass_matrix
+        transposed[known] = matrices.inverse(inverse[known]).transpose(0, 2, 1)
+        linear = matrices.product(transposed, rest.mass_matrix)
         rate = np.zeros((count, n))
         effort = np.abs(rest.efforts)
         for columns, size in sizes:
@@ -309,7 +304,7 @@ class Demands:
             )
             rate = rate + speeds.most(inverse)
             effort = effort + speeds.most_quadratic(form) + changes.most(linear)
-            pressed = transposed @ places.transpose(0, 2, 1)
+            pressed = matrices.product(transposed, places.transpose(0, 2, 1))
             effort = effort + task.force * np.linalg.norm(pressed, axis=2)
         rate = rate / mover.si(mechanism.joints)
         found = np.concatenate([rate, effort], axis=1).T
@@ -361,10 +356,10 @@ def _largest(form: Values, sizes: list[tuple[NDArray[np.bool_], float]]) -> Valu
     for part, size in sizes:
         if part.any() and size:
             block = finite[:, :, part][:, :, :, part]
-            bound += size**2 * np.abs(np.linalg.eigvalsh(block)).max(axis=2)
+            bound += size * size * np.abs(matrices.eigen(block)[0]).max(axis=2)
     if first.any() and second.any() and v and w:
         block = finite[:, :, first][:, :, :, second]
-        bound += 2 * v * w * np.linalg.norm(block, ord=2, axis=(2, 3))
+        bound += 2 * v * w * matrices.singular_values(block)[..., 0]
     return bound
 
 

@@ -26,6 +26,8 @@ from pmopt.analysis.workspace import entry_units, index_note
 from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
+from pmopt.numerics.elementary import exp_of
+from pmopt.numerics.matrices import decomposed, determinant, inverse, product
 from pmopt.units import ONE, exact
 
 if TYPE_CHECKING:
@@ -391,7 +393,7 @@ def _weighed(enclosure: Enclosure, centres: Array, halves: Array, weights: Array
     best = np.bincount(stacked.argmin(axis=0)[telling], minlength=size)
     taken = np.bincount(np.argmax(halves * weights, axis=1)[telling], minlength=size)
     change = (best - taken) / max(int(telling.sum()), 1)
-    return np.asarray(weights * 2.0 ** (_LEARNT * change))
+    return np.asarray(weights * exp_of(_LEARNT * change * math.log(2)))
 
 
 def _started(budget: float | None) -> float:
@@ -765,24 +767,24 @@ def index_bounds(middles: Array, ranges: Array, norm: str) -> tuple[Array, Array
 
     Notes
     -----
-    What LAPACK tells is checked, not trusted: of M = U S V^T + R singular values differ by at most
-    |R|_F, and those of U S V^T from S by factors that |U^T U - I|_F and |V^T V - I|_F bound (both
-    norms rounded up). The range adds at most its Frobenius norm (Weyl).
+    What the decomposition gives is checked, not trusted: of M = U S V^T + R singular values differ
+    by at most |R|_F, and those of U S V^T from S by factors that |U^T U - I|_F and |V^T V - I|_F
+    bound (both norms rounded up). The range adds at most its Frobenius norm (Weyl).
     """
     size = middles.shape[1]
     good = np.isfinite(middles).all(axis=(1, 2)) & np.isfinite(ranges).all(axis=(1, 2))
     lower, upper = np.full(len(middles), np.nan), np.full(len(middles), np.nan)
     middle, reach = middles[good], ranges[good]
-    left, values, right = np.linalg.svd(middle)
+    left, values, right = decomposed(middle)
     norms = np.sqrt((middle**2).sum(axis=(1, 2)))
     # Products of n terms of unit rows and columns: n + 2 roundings of size EPS / 2 and spare.
     rounding = 4 * size * (size + 2) * EPS
-    rest = middle - (left * values[:, None, :]) @ right
+    rest = middle - product(left * values[:, None, :], right)
     off = np.sqrt((rest**2).sum(axis=(1, 2))) + rounding * norms
     eye = np.eye(size)
     tilt = np.zeros(len(middle))
     for factor in (left, np.swapaxes(right, 1, 2)):
-        defect = np.swapaxes(factor, 1, 2) @ factor - eye
+        defect = product(np.swapaxes(factor, 1, 2), factor) - eye
         tilt += np.sqrt((defect**2).sum(axis=(1, 2))) + rounding
     off += np.sqrt((reach**2).sum(axis=(1, 2))) * (1 + rounding)
     off = (off + 2 * tilt * values[:, 0]) * (1 + rounding)
@@ -809,13 +811,14 @@ def regular(middles: Array, ranges: Array) -> NDArray[np.bool_]:
     middle, reach = middles[good], ranges[good]
     scale = np.abs(middle).max(axis=(1, 2))
     scale = np.where(scale > 0, scale, 1.0)[:, None, None]
-    inverse = _inverses(middle / scale) / scale
+    near = _inverses(middle / scale) / scale
     found = np.zeros(len(middles), dtype=bool)
-    absolute = np.abs(inverse)
+    absolute = np.abs(near)
     rounding = 4 * (size + 2) * EPS
     with np.errstate(invalid="ignore", over="ignore"):
-        rest = np.abs(np.eye(size) - inverse @ middle) + rounding * (absolute @ np.abs(middle))
-        rest += absolute @ reach
+        rest = np.abs(np.eye(size) - product(near, middle))
+        rest += rounding * product(absolute, np.abs(middle))
+        rest += product(absolute, reach)
         found[good] = (rest.sum(axis=2) * (1 + rounding) + rounding < 1).all(axis=1)
     return found
 
@@ -823,9 +826,9 @@ def regular(middles: Array, ranges: Array) -> NDArray[np.bool_]:
 def _inverses(matrices: Array) -> Array:
     """Return the inverses, 0 of what is singular to rounding."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        bad = ~(np.abs(np.linalg.det(matrices)) > 0)
+        bad = ~(np.abs(determinant(matrices)) > 0)
     usable = np.where(bad[:, None, None], np.eye(matrices.shape[1]), matrices)
-    return np.asarray(np.where(bad[:, None, None], 0.0, np.linalg.inv(usable)))
+    return np.asarray(np.where(bad[:, None, None], 0.0, inverse(usable)))
 
 
 def proven_signs(middles: Array, ranges: Array) -> NDArray[np.int64]:
@@ -840,4 +843,4 @@ def proven_signs(middles: Array, ranges: Array) -> NDArray[np.int64]:
         good = regular(middles, ranges + off)
     scale = np.where(good, np.abs(middles).max(axis=(1, 2)), 1.0)
     usable = np.where(good[:, None, None], middles / scale[:, None, None], 0.0)
-    return np.asarray(np.sign(np.linalg.det(usable))).astype(np.int64)
+    return np.asarray(np.sign(determinant(usable))).astype(np.int64)

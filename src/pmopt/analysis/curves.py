@@ -20,6 +20,7 @@ from pmopt.analysis.enclosures import Array, Boxes, Enclosure
 from pmopt.analysis.sweeper import Design
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS, UP
+from pmopt.numerics.elementary import log_of
 from pmopt.numerics.expressions import Graph, TracedCurve, trace_curve
 
 #: Cells along v; columns along each other coordinate at first.
@@ -306,8 +307,8 @@ class CurveEnclosure(Enclosure):
             forms = self.evaluate(self._rates, self.inputs(centres, narrow))
             range_ = np.abs(forms[:, 1:-1]).sum(axis=1) + forms[:, -1]
             with np.errstate(over="ignore", invalid="ignore"):
-                score = np.log(np.minimum(np.nan_to_num(range_, nan=1e100), 1e100)).sum(axis=0)
-            scores.append(score - 1e-3 * np.log(halves[:, axis]))
+                score = log_of(np.clip(np.nan_to_num(range_, nan=1e100), 1e-300, 1e100)).sum(axis=0)
+            scores.append(score - 1e-3 * log_of(halves[:, axis]))
         return np.asarray(np.argmin(np.stack(scores, axis=1), axis=1))
 
     @property

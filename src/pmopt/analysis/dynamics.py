@@ -21,6 +21,7 @@ from pmopt.mechanisms.base import (
 from pmopt.mechanisms.bodies import Body
 from pmopt.numerics import dynamics
 from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.elementary import sin_cos_of
 from pmopt.numerics.specialise import PLACE
 from pmopt.threads import default_threads, ordered_map
 from pmopt.units import METRES
@@ -90,7 +91,7 @@ def angular_motion(platform: Values) -> Values:
         See :class:`State`: yaw, pitch, roll of Rz Ry Rx are the last three, with their rates.
     """
     (a, b, _), (da, db, dc), (dda, ddb, ddc) = (platform[:, k, 3:].T for k in range(3))
-    sin_a, cos_a, sin_b, cos_b = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
+    (sin_a, cos_a), (sin_b, cos_b) = sin_cos_of(a), sin_cos_of(b)
     zero, one = np.zeros_like(a), np.ones_like(a)
     about_z = np.stack([zero, zero, one], axis=1)
     about_y = np.stack([-sin_a, cos_a, zero], axis=1)

@@ -168,7 +168,7 @@ class _Distribution:
         for n in near:
             ratio = width / float(self._width[n])
             other = points * float(self._counts[n])
-            chance = math.sqrt(own + ratio**2 * other)
+            chance = math.sqrt(own + ratio * ratio * other)
             excess = max(excess, abs(own - ratio * other) - chance)
         if excess > own / 2:
             return width * max(part, 1 - part)

@@ -26,6 +26,8 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.numerics.assembly import load
 from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.elementary import exp, log
+from pmopt.numerics.matrices import singular_values, solve
 from pmopt.units import ONE, exact, unit_of
 
 #: A pose nearer than this to a singularity (distance over the size of the mechanism, or
@@ -648,8 +650,8 @@ def jacobian_at(
     jacobian = values = translational = rotational = None
     raw = homogenized = 0.0
     if not singular:
-        jacobian = np.asarray(np.linalg.solve(j_x, j_q), dtype=float)
-        values = np.asarray(np.linalg.svd(jacobian, compute_uv=False), dtype=float)
+        jacobian = solve(j_x, j_q)
+        values = singular_values(jacobian)
         raw = inverse_condition(jacobian, norm)
         if length == "optimal":
             length = _best_length(mechanism, jacobian, size)
@@ -719,26 +721,30 @@ def _best_length(mechanism: Mechanism, jacobian: Matrix, size: float) -> float:
     """Return the characteristic length with the smallest condition number (2-norm)."""
     from scipy.optimize import minimize_scalar
 
-    def loss(log_length: float) -> float:
-        return -inverse_condition(homogenize(mechanism, jacobian, float(np.exp(log_length))), "2")
+    def scaled(log_length: float) -> Matrix:
+        return homogenize(mechanism, jacobian, exp(log_length))
 
-    middle = float(np.log(size))
+    def loss(log_length: float) -> float:
+        return -inverse_condition(scaled(log_length), "2")
+
+    middle = log(size)
     grid = np.linspace(middle - 7, middle + 7, 57)
-    start = grid[int(np.argmin([loss(x) for x in grid]))]
+    values = singular_values(np.stack([scaled(x) for x in grid]))
+    start = grid[int(np.argmax(values[:, -1] / values[:, 0]))]
     found = minimize_scalar(
         loss, bounds=(start - 0.25, start + 0.25), method="bounded", options={"xatol": 1e-9}
     )
-    return float(np.exp(found.x))
+    return exp(found.x)
 
 
 def inverse_condition(matrix: Matrix, norm: str) -> float:
     """Return 1 / (|J| |J^-1|) by singular values: 2-norm or Frobenius."""
-    values = np.linalg.svd(matrix, compute_uv=False)
+    values = singular_values(matrix)
     if values[-1] == 0.0:
         return 0.0
     if norm == "2":
         return float(values[-1] / values[0])
-    return float(1 / np.sqrt((values**2).sum() * (values**-2.0).sum()))
+    return float(1 / np.sqrt((values**2).sum() * (1 / values**2).sum()))
 
 
 __all__ = [

@@ -20,6 +20,7 @@ from pmopt.analysis.estimates import Estimate
 from pmopt.analysis.fibres import Ground, seek
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.numerics import ascent
+from pmopt.numerics.elementary import power
 from pmopt.numerics.sequences import make_sequence
 from pmopt.seeds import seed_sequence
 
@@ -178,7 +179,7 @@ def measure_positions(
         whole = turn == _MOST_WIDENINGS - 1 or few == each
         count = each if whole else few
         some = shares.reshape(3, _REPLICATES, each)[:, :, :count].reshape(3, -1)
-        edge = _WIDER * some.shape[1] ** (-1 / 3)
+        edge = _WIDER * power(some.shape[1], -1 / 3)
         lower, width = first - edge * (last - first), (1 + 2 * edge) * (last - first)
         found, missed, doubt = _search(ground, lower, width, some, poses, places)
         met = lower[:, None] + width[:, None] * some[:, found]

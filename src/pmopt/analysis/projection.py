@@ -19,6 +19,8 @@ from pmopt.analysis.shape import Shape, Topology, confirmed, measure_shape, topo
 from pmopt.analysis.sweeper import Design, Sweeper
 from pmopt.mechanisms.base import Vector
 from pmopt.numerics.cells import hull, label
+from pmopt.numerics.elementary import power
+from pmopt.numerics.matrices import dot
 from pmopt.numerics.sequences import BLOCK, Sequence
 from pmopt.threads import ordered_map
 
@@ -195,7 +197,7 @@ def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
     """
     areas = np.array([area(c) for c in corners])
     whole = area(hull(np.concatenate(corners)))
-    gained = len(corners) ** (2 / (axes + 1)) - 1
+    gained = power(len(corners), 2 / (axes + 1)) - 1
     missing = (whole - float(areas.mean())) / gained
     return Estimate(
         whole + missing, max(math.hypot(missing, float(areas.std(ddof=1))), 1e-12 * whole)
@@ -205,7 +207,7 @@ def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
 def area(corners: NDArray[np.float64]) -> float:
     """Return the area of a polygon, 0 of fewer than three corners."""
     u, v = corners.T
-    return float(np.abs(u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2)
+    return abs(dot(u, np.roll(v, -1)) - dot(v, np.roll(u, -1))) / 2
 
 
 @dataclass(frozen=True)

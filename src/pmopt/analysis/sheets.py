@@ -22,6 +22,7 @@ from pmopt.errors import InputError
 from pmopt.mechanisms.base import Mechanism
 from pmopt.numerics.affine import EPS
 from pmopt.numerics.expressions import Tape
+from pmopt.numerics.matrices import determinant, inverse, product
 
 #: Levels of bisection of the first cells, and of the smallest.
 _FIRST, _LAST = 4, 12
@@ -287,9 +288,8 @@ class Sheet(Enclosure):
             part[self._size :, -1] = trial.T
             mids, ranges = self.matrices(self.evaluate(self._slopes, part), m)
             with np.errstate(invalid="ignore", over="ignore"):
-                lost = np.abs(eye - inverse[rest] @ mids) + absolute[rest] @ (
-                    ranges + rounding * np.abs(mids)
-                )
+                lost = np.abs(eye - product(inverse[rest], mids))
+                lost += product(absolute[rest], ranges + rounding * np.abs(mids))
                 image = off[rest] + np.einsum("nij,nj->ni", lost, trial)
                 image *= 1 + rounding
                 good = (image < trial).all(axis=1)
@@ -383,6 +383,6 @@ class Sheet(Enclosure):
 def _pseudo(slopes: Array) -> Array:
     """Return inverses; 0 for what has none."""
     with np.errstate(all="ignore"):
-        bad = ~(np.abs(np.linalg.det(slopes)) > 1e-30)
+        bad = ~(np.abs(determinant(slopes)) > 1e-30)
     usable = np.where(bad[:, None, None], np.eye(slopes.shape[1]), slopes)
-    return np.asarray(np.where(bad[:, None, None], 0.0, np.linalg.inv(usable)))
+    return np.asarray(np.where(bad[:, None, None], 0.0, inverse(usable)))

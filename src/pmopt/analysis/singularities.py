@@ -28,6 +28,7 @@ from pmopt.analysis.sweeper import Design, Notify, Sweeper
 from pmopt.analysis.touching import least_along
 from pmopt.analysis.warmup import warm_up
 from pmopt.mechanisms.base import Mechanism, Parameters, Vector
+from pmopt.numerics.matrices import determinant, singular_values, solve
 from pmopt.units import ONE
 
 DEFAULT_SAMPLES = 1 << 18
@@ -303,7 +304,7 @@ def _nearness(
 ) -> tuple[tuple[Nearness, ...], float]:
     """Return the least of each measure over some poses, and the least singular value."""
     mechanism, parameters = sweeper.mechanism, design.parameters
-    rows, poses = [], []
+    rows, poses, maps = [], [], []
     least = math.inf
     for pose in probes:
         branch = branch_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
@@ -313,12 +314,14 @@ def _nearness(
         poses.append(pose)
         rows.append({(k, part): v for k, parts in found.items() for part, v in parts.items()})
         j_x, j_q = mechanism.velocity_maps(parameters, pose, branch.joints)
-        if abs(np.linalg.det(j_x)) > 0:
-            jacobian = np.asarray(np.linalg.solve(j_x, j_q))
-            scaled = homogenize(mechanism, jacobian, mechanism.characteristic_length(parameters))
-            least = min(least, float(np.linalg.svd(scaled, compute_uv=False)[-1]))
-        else:
-            least = 0.0
+        maps.append((j_x, j_q))
+    if maps:
+        j_x, j_q = (np.stack(parts) for parts in zip(*maps, strict=True))
+        regular = determinant(j_x) != 0
+        length = mechanism.characteristic_length(parameters)
+        scaled = homogenize(mechanism, solve(j_x[regular], j_q[regular]), length)
+        values = singular_values(scaled)[:, -1]
+        least = float(values.min()) if regular.all() else 0.0
     result = []
     for kind, part in rows[0] if rows else ():
         values = np.array([row[kind, part] for row in rows])

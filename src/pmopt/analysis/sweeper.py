@@ -16,6 +16,8 @@ from pmopt.errors import InputError
 from pmopt.mechanisms.base import Coordinate, JacobianKind, Mechanism, Parameters, Ranges, Vector
 from pmopt.numerics import sequences, sweep
 from pmopt.numerics.compiled import Compiled
+from pmopt.numerics.elementary import cos, exp, log
+from pmopt.numerics.matrices import product
 from pmopt.numerics.specialise import ENTRIES, PLACE, Recipe, specialise
 from pmopt.seeds import seed_sequence
 from pmopt.threads import default_threads, ordered_map
@@ -290,8 +292,8 @@ class Sweeper:
         half_sum = (link + (settings.platform_diameter or link)) / 2
         ends = [self.limits.get(c.name, (-math.inf, math.inf)) for c in TOOL]
         return [
-            link**2, half_sum**2,
-            -2.0 if settings.cone_angle is None else math.cos(settings.cone_angle),
+            link * link, half_sum * half_sum,
+            -2.0 if settings.cone_angle is None else cos(settings.cone_angle),
             *(settings.tool or (0.0, 0.0, 0.0)),
             *(low for low, _ in ends), *(high for _, high in ends),
         ]  # fmt: skip
@@ -309,13 +311,13 @@ class Sweeper:
         )
 
         def loss(log_length: float) -> float:
-            tallies = self.tally([ready(math.exp(log_length))], points, 0, _LENGTH_POINTS)
+            tallies = self.tally([ready(exp(log_length))], points, 0, _LENGTH_POINTS)
             return -float(tallies.total[0, 0]) / max(float(tallies.within[0, 0]), 1.0)
 
-        middle, half = math.log(about), math.log(_LENGTH_FACTOR)
+        middle, half = log(about), log(_LENGTH_FACTOR)
         found = minimize_scalar(loss, bounds=(middle - half, middle + half), method="bounded",
                                 options={"xatol": 1e-6})  # fmt: skip
-        return math.exp(float(found.x))
+        return exp(found.x)
 
     @property
     def kernels(self) -> dict[Compiled, tuple[str, ...]]:
@@ -479,7 +481,7 @@ class Sweeper:
         """Return what kernel and skeleton tell of given poses, shape (d, N)."""
         mechanism = self.mechanism
         n, segments, size = len(mechanism.joints), len(mechanism.segments), poses.shape[1]
-        facts = np.empty((1 + n**2 + PLACE + 6 * segments + len(mechanism.cones), size))
+        facts = np.empty((1 + n * n + PLACE + 6 * segments + len(mechanism.cones), size))
         constants = np.array(design.constants)
         step = CHUNK // 16
 
@@ -491,11 +493,11 @@ class Sweeper:
 
         for _ in ordered_map(evaluate, range(0, size, step), self.threads):
             pass
-        place = 1 + n**2
+        place = 1 + n * n
         position = facts[place : place + 3].T
         rotation = facts[place + 3 : place + PLACE].T.reshape(size, 3, 3)
         ends = facts[place + PLACE : place + PLACE + 6 * segments].T.reshape(size, segments, 2, 3)
-        tool = position + rotation @ np.array(self.settings.tool or (0.0, 0.0, 0.0))
+        tool = position + product(rotation, np.array(self.settings.tool or (0.0, 0.0, 0.0)))
         entries = facts[1:place].T.reshape(size, n, n)
         return Facts(facts[0], entries, position, tool, rotation, ends)
 

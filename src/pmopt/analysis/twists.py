@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.numerics.matrices import decomposed, eigen, product
+
 Values = NDArray[np.float64]
 
 #: Directions in which the platform moves less than this share of the fastest do not count.
@@ -53,9 +55,9 @@ class Motions:
             spanned = self._spanned()
             if spanned is None:
                 return np.zeros(rows.shape[:2])
-            return np.asarray(np.linalg.norm(rows @ spanned, axis=2))
+            return np.asarray(np.linalg.norm(product(rows, spanned), axis=2))
         root, share = self._joined()
-        squares = (rows @ root) ** 2
+        squares = product(rows, root) ** 2
         share = share[:, None, :]
 
         def bound(weight: Values) -> Values:
@@ -104,17 +106,17 @@ class Motions:
         Sizes are taken for 1.
         """
         point, turn = self.point / self.speed, self.turn / self.turning
-        first = np.swapaxes(point, 1, 2) @ point
-        values, vectors = np.linalg.eigh(first + np.swapaxes(turn, 1, 2) @ turn)
+        first = product(np.swapaxes(point, 1, 2), point)
+        values, vectors = eigen(first + product(np.swapaxes(turn, 1, 2), turn))
         small = values <= _RANK**2 * values[:, -1:]
         with np.errstate(divide="ignore"):
             root = vectors / np.sqrt(np.where(small, np.nan, values))[:, None, :]
         known = np.isfinite(root).all(axis=(1, 2))
         share = np.full(values.shape, np.nan)
         whole = np.full_like(root, np.nan)
-        some = np.swapaxes(root[known], 1, 2) @ first[known] @ root[known]
-        share[known], turned = np.linalg.eigh(some)
-        whole[known] = root[known] @ turned
+        some = product(np.swapaxes(root[known], 1, 2), product(first[known], root[known]))
+        share[known], turned = eigen((some + np.swapaxes(some, 1, 2)) / 2)
+        whole[known] = product(root[known], turned)
         return whole, np.clip(share, 0.0, 1.0)
 
 
@@ -126,17 +128,17 @@ def _least(reached: Values, kept: Values) -> Values:
     size = np.linalg.norm(np.concatenate([reached, kept], axis=1), axis=(1, 2))
     inverse = _pseudo_inverse(reached, size)
     eye = np.eye(reached.shape[2])
-    free = eye - inverse @ reached
-    rest = _pseudo_inverse(kept @ free, size)
-    return np.asarray((eye - rest @ kept) @ inverse)
+    free = eye - product(inverse, reached)
+    rest = _pseudo_inverse(product(kept, free), size)
+    return product(eye - product(rest, kept), inverse)
 
 
 def _pseudo_inverse(matrices: Values, size: Values) -> Values:
     """Return the pseudo-inverses, singular values of less than a share of a size taken for 0."""
-    left, values, right = np.linalg.svd(np.nan_to_num(matrices), full_matrices=False)
+    left, values, right = decomposed(np.nan_to_num(matrices))
     kept = values > _RANK * size[:, None]
     scale = np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)
-    return np.asarray(np.swapaxes(right, 1, 2) * scale[:, None, :] @ np.swapaxes(left, 1, 2))
+    return product(np.swapaxes(right, 1, 2) * scale[:, None, :], np.swapaxes(left, 1, 2))
 
 
 def _spectral(forms: Values, maps: Values) -> Values:
@@ -144,6 +146,6 @@ def _spectral(forms: Values, maps: Values) -> Values:
     known = np.isfinite(maps).all(axis=(1, 2))
     found = np.full(forms.shape[:2], np.inf)
     maps = maps[known][:, None]
-    turned = np.swapaxes(maps, 2, 3) @ forms[known] @ maps
-    found[known] = np.abs(np.linalg.eigvalsh((turned + np.swapaxes(turned, 2, 3)) / 2)).max(axis=2)
+    turned = product(np.swapaxes(maps, 2, 3), product(forms[known], maps))
+    found[known] = np.abs(eigen((turned + np.swapaxes(turned, 2, 3)) / 2)[0]).max(axis=2)
     return found

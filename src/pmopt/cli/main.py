@@ -104,6 +104,7 @@ def run(args: list[str] | None = None) -> int:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     make_lenient()
     try:
+        _check_target()
         result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
@@ -140,6 +141,13 @@ def run(args: list[str] | None = None) -> int:
         return _fail(
             f"unexpected {type(error).__name__}: {error} (--debug shows where)", EXIT_RUNTIME
         )
+
+
+def _check_target() -> None:
+    """Refuse a target that there is not, before anything is compiled for it."""
+    given = os.environ.get("PMOPT_TARGET")
+    if given and given not in ("host", "haswell"):
+        raise InputError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: host, haswell")
 
 
 def _resume_hint() -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.fields import Units
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
+from pmopt.numerics.elementary import cos
 from pmopt.units import (
     ANGLE,
     METRES,
@@ -786,4 +787,4 @@ def within(value: float, limits: tuple[float, float], kind: Kind) -> bool:
         return low <= value <= high
     if not high - low < 2 * math.pi:
         return True
-    return math.cos(value - (low + high) / 2) >= math.cos((high - low) / 2) - 4e-16
+    return cos(value - (low + high) / 2) >= cos((high - low) / 2) - 4e-16

@@ -127,7 +127,7 @@ def plate(size: tuple[float, float, float], unit: float, density: float = STEEL)
     """Return a box about the origin with these sides along x, y and z."""
     sides = np.array(size) * unit
     mass = density * float(sides.prod())
-    square = sides**2
+    square = sides * sides
     return MassProperties(mass, np.zeros(3), np.diag(mass * (square.sum() - square) / 12))
 
 

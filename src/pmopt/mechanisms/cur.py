@@ -48,11 +48,13 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.mechanisms.bodies import Body, disc, plate, tube
 from pmopt.mechanisms.cur_forward import cur_assemble, cur_MODES, cur_WORK
+from pmopt.numerics import elementary
 from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import crossed
+from pmopt.numerics.matrices import determinant, dot, norm_of, product, solve
 from pmopt.numerics.octics import bernstein, nodes
 from pmopt.numerics.rotation import rotation_matrices
-from pmopt.numerics.trigonometry import sin_cos
+from pmopt.numerics.trigonometry import arc_tangent, sin_cos
 
 TINY = 1e-300
 #: Cosine and sine of the azimuths.
@@ -372,7 +374,7 @@ def cur_start(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     with np.errstate(over="ignore", invalid="ignore"):
         px, py, c, s, c1, s1, c2, s2, c3, s3, _ = cur_solve(beta, gamma, ra, rb, *constants[4:7])
     turns = ((s, c), (s1, c1), (s2, c2), (s3, c3))
-    return [px, py, *(math.atan2(*turn) for turn in turns)]
+    return [px, py, *(elementary.atan2(*turn) for turn in turns)]
 
 
 def cur_line(z, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]
@@ -445,9 +447,9 @@ def cur_limb(ax, ay, h, bx, by, bz, ex, ey, ez, c, s):  # type: ignore[no-untype
     # The link's direction across both axes, and the U joint's axis across the first and z.
     kx, ky, kz = -z4 * fy, z4 * fx, x4 * fy - y4 * fx
     qx, qy, qz = fy * ez, -fx * ez, fx * ey - fy * ex
-    theta2 = math.atan2(-(fx * c + fy * s), fy * c - fx * s)
-    theta3 = math.atan2(kz, kx * fy - ky * fx)
-    theta4 = math.atan2(x4 * qx + y4 * qy + z4 * qz, fx * ex + fy * ey)
+    theta2 = arc_tangent(-(fx * c + fy * s), fy * c - fx * s)
+    theta3 = arc_tangent(kz, kx * fy - ky * fx)
+    theta4 = arc_tangent(x4 * qx + y4 * qy + z4 * qz, fx * ex + fy * ey)
     return (theta2, theta3, theta4), (
         ax, ay, 0.0, 0.0, 0.0, 1.0,
         ax, ay, h, fx, fy, 0.0, x4, y4, z4,
@@ -476,8 +478,8 @@ def cur_posture(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
     return (
         *s[:12], s[14] - d1, s[20] - d1, s[26] - d1,
-        *q1, math.atan2(state[5], state[4]), *q2, math.atan2(state[7], state[6]),
-        *q3, math.atan2(state[9], state[8]), *k1, *k2, *k3,
+        *q1, arc_tangent(state[5], state[4]), *q2, arc_tangent(state[7], state[6]),
+        *q3, arc_tangent(state[9], state[8]), *k1, *k2, *k3,
     )  # fmt: skip
 
 
@@ -571,7 +573,7 @@ class Cur(Mechanism):
     def home(self, parameters: Parameters) -> dict[str, float]:
         """Return the level platform with the sliders in the middle of their stroke."""
         ra, rb, length, d1 = _sizes(parameters)
-        rise = math.sqrt(max(length**2 - (ra - rb) ** 2, 0.0))
+        rise = math.sqrt(max(length * length - (ra - rb) * (ra - rb), 0.0))
         return {"z": 0.15 + d1 + rise, "beta": 0.0, "gamma": 0.0}
 
     def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
@@ -612,8 +614,8 @@ class Cur(Mechanism):
         if abs(ra - rb) >= length:
             return np.zeros(3), np.zeros(3)
         down, up = limits.get("elevation", (-math.pi, math.pi))
-        low += length * math.sin(max(down, -math.pi / 2))
-        high += length * math.sin(min(up, math.pi / 2))
+        low += length * elementary.sin(max(down, -math.pi / 2))
+        high += length * elementary.sin(min(up, math.pi / 2))
         angles = (math.pi / 2, math.pi)
         return np.array([low, *(-a for a in angles)]), np.array([high, *angles])
 
@@ -674,13 +676,15 @@ class Cur(Mechanism):
         beta, gamma = pose["beta"], pose["gamma"]
         with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
             px, py, c, s, *turns, gap = cur_solve(beta, gamma, ra / length, rb / length, *signs)
-        alpha = math.atan2(s, c)
+        alpha = elementary.atan2(s, c)
         rotation = rotation_matrices(np.array([[alpha, beta, gamma]]))[0][0]
         links = []
         for k, (sign, (cos_k, sin_k)) in enumerate(zip(signs, _AZIMUTHS, strict=True)):
-            out = rotation @ [cos_k, sin_k, 0.0]
+            out = product(rotation, [cos_k, sin_k, 0.0])
             w = length * (turns[2 * k] * out + turns[2 * k + 1] * rotation[:, 2])
-            links.append(_Link(rb * out, rotation @ [-sin_k, cos_k, 0.0], w, sign * float(w[2])))
+            links.append(
+                _Link(rb * out, product(rotation, [-sin_k, cos_k, 0.0]), w, sign * float(w[2]))
+            )
         x, y = length * (c * px - s * py), length * (s * px + c * py)
         return links, (float(x), float(y), alpha), float(gap)
 
@@ -702,11 +706,13 @@ class Cur(Mechanism):
             first, second = self._axes(given, length)
             x2, link = np.cross(first, _Z), np.cross(second, first)
             found = {
-                "theta2": math.atan2(-first @ radial, first @ tangential),
-                "theta3": math.atan2(link[2], link @ x2),
-                "theta4": math.atan2(second @ np.cross(first, axis), first @ axis),
-                "theta5": math.atan2(w @ rotation[:, 2], w @ (rotation @ radial)),
-                "elevation": math.asin(min(max(w[2] / length, -1.0), 1.0)),
+                "theta2": elementary.atan2(dot(-first, radial), dot(first, tangential)),
+                "theta3": elementary.atan2(link[2], dot(link, x2)),
+                "theta4": elementary.atan2(dot(second, np.cross(first, axis)), dot(first, axis)),
+                "theta5": elementary.atan2(
+                    dot(w, rotation[:, 2]), dot(w, product(rotation, radial))
+                ),
+                "elevation": elementary.asin(min(max(w[2] / length, -1.0), 1.0)),
             }
             values |= {f"{name}_{k}": float(v) for name, v in found.items()}
         return values
@@ -716,8 +722,8 @@ class Cur(Mechanism):
         """Return the axes s and z4 of the U joint of a limb."""
         second = np.cross(link.e, link.w) / length
         first = np.cross(_Z, second)
-        first /= max(float(np.linalg.norm(first)), TINY)
-        return first if first @ link.e > 0 else -first, second
+        first /= max(norm_of(first), TINY)
+        return first if dot(first, link.e) > 0 else -first, second
 
     def assembly_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`cur_assemble`."""
@@ -733,9 +739,9 @@ class Cur(Mechanism):
         moved[3:, 3:] = axes
         # Columns: x, y, alpha; then z, beta, gamma.
         held, free = [0, 1, 3], [2, 4, 5]
-        constraint, drive = constraint @ moved, drive @ moved
-        follow = -np.linalg.solve(constraint[:, held], constraint[:, free])
-        return drive[:, free] + drive[:, held] @ follow, np.diag(heights)
+        constraint, drive = product(constraint, moved), product(drive, moved)
+        follow = -solve(constraint[:, held], constraint[:, free])
+        return drive[:, free] + product(drive[:, held], follow), np.diag(heights)
 
     def full_map(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -779,12 +785,12 @@ class Cur(Mechanism):
         rows = np.vstack([constraint, drive])
         rows[:, 3:] /= rb
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
-        gram = rows[:3] @ rows[:3].T
+        gram = product(rows[:3], rows[:3].T)
         return {
             "inverse": {limb.name: float(h) / length
                         for limb, h in zip(self.limbs, heights, strict=True)},
-            "forward": {"platform": float(np.linalg.det(rows))},
-            "constraint": {"platform": math.sqrt(max(float(np.linalg.det(gram)), 0.0))},
+            "forward": {"platform": float(determinant(rows))},
+            "constraint": {"platform": math.sqrt(max(float(determinant(gram)), 0.0))},
         }  # fmt: skip
 
     def velocity_map_units(self) -> dict[str, str]:
@@ -843,13 +849,13 @@ class Cur(Mechanism):
             middle, half = (low + high) / 2, (high - low) / 2
             # A full turn excludes nothing, not even by rounding.
             arcs += [
-                math.cos(middle),
-                math.sin(middle),
-                -2.0 if half >= math.pi else math.cos(half),
+                elementary.cos(middle),
+                elementary.sin(middle),
+                -2.0 if half >= math.pi else elementary.cos(half),
             ]
         low, high = limits.get("elevation", (-math.pi, math.pi))
-        lowest = -math.inf if low <= -math.pi / 2 else math.sin(low)
-        highest = math.inf if high >= math.pi / 2 else math.sin(high)
+        lowest = -math.inf if low <= -math.pi / 2 else elementary.sin(low)
+        highest = math.inf if high >= math.pi / 2 else elementary.sin(high)
         home, _, _ = self._links(parameters, self.home(parameters), signs)
         ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
         return [
@@ -890,7 +896,7 @@ class Cur(Mechanism):
 
         limits = self.default_limits(parameters) if limits is None else limits
         count = int(80 / degrees)
-        tilts = np.radians(degrees) * np.arange(-count, count + 1)
+        tilts = math.radians(degrees) * np.arange(-count, count + 1)
         depth = np.zeros((len(tilts), len(tilts)))
         signs = next(iter(MODE_SIGNS.values()))
         free: dict[str, Any] = {k: v for k, v in limits.items() if not k.startswith("h")}
@@ -909,7 +915,7 @@ class Cur(Mechanism):
         labels, _ = ndimage.label(depth > 0)
         home = labels[count, count]
         inside = (labels == home) & (labels > 0)
-        return float(depth[inside].sum() * np.radians(degrees) ** 2)
+        return float(depth[inside].sum()) * math.radians(degrees) * math.radians(degrees)
 
 
 _Z = np.array([0.0, 0.0, 1.0])

@@ -20,7 +20,7 @@ import math
 
 from pmopt.numerics.assembly import assembly_angles, assembly_sort
 from pmopt.numerics.octics import octic_DEPTH, octic_MOST, octic_roots
-from pmopt.numerics.trigonometry import sin_cos
+from pmopt.numerics.trigonometry import arc_tangent, sin_cos
 
 EPS = 2.220446049250313e-16
 TINY = 1e-300
@@ -275,9 +275,9 @@ def cur_starts(w, count, c1, first):  # type: ignore[no-untyped-def]
         s3 = (g3 * q + p * r3) * unit
         miss = c2 * c3 - 2.0 * s2 * s3 - b3 * (c2 + c3) + w[cur_GOALS + both]
         if abs(miss) <= cur_NEAR * w[cur_GOALS + 4]:
-            w[cur_STATE + first] = math.atan2(s1, c1)
-            w[cur_STATE + j] = math.atan2(s2, c2)
-            w[cur_STATE + k] = math.atan2(s3, c3)
+            w[cur_STATE + first] = arc_tangent(s1, c1)
+            w[cur_STATE + j] = arc_tangent(s2, c2)
+            w[cur_STATE + k] = arc_tangent(s3, c3)
             count = cur_keep(w, count)
     return count
 

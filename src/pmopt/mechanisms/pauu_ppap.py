@@ -40,8 +40,11 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.mechanisms.bodies import Body, plate, tube
 from pmopt.mechanisms.pauu_ppap_forward import pauu_assemble
+from pmopt.numerics import elementary
 from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import crossed
+from pmopt.numerics.matrices import norm_of, product
+from pmopt.numerics.trigonometry import arc_tangent
 
 #: Sign s of the root in theta = atan2(B, A) + s acos(-C / sqrt(A^2 + B^2)), limbs 1 and 2.
 MODE_SIGNS = {"out-out": (-1, -1), "in-in": (1, 1), "out-in": (-1, 1), "in-out": (1, -1)}
@@ -188,7 +191,7 @@ def posture(x, y, z, constants):  # type: ignore[no-untyped-def]
     out = math.sqrt(flat if flat > 0.0 else 0.0)
     return (
         *s[:12],
-        math.atan2(height - c1z, c1x - m1x), math.atan2(height - c2z, m2x - c2x), y,
+        arc_tangent(height - c1z, c1x - m1x), arc_tangent(height - c2z, m2x - c2x), y,
         m1x, 0.0, height, 0.0, 1.0, 0.0, c1x - m1x, 0.0, c1z - height,
         c1x, 0.0, c1z, 0.0, 1.0, 0.0, a1x, a1y, a1z,
         d1x, y, z, a1x, a1y, a1z, 0.0, 1.0, 0.0,
@@ -294,14 +297,14 @@ class PauuPpap(Mechanism):
         d_low, d_high = limits.get("d", (-math.inf, math.inf))
         # The link's length in the plane of the cranks, at the slider's position nearest to it.
         offset = max(d_low, -d_high, 0.0)
-        link = math.sqrt(max(l2**2 - offset**2, 0.0))
+        link = math.sqrt(max(l2 * l2 - offset * offset, 0.0))
         reach, shift = l1 + link, abs(m - n)
         # 4 (m - n) x is the difference of the squares of two distances r, each between the folded
         # and the stretched limb: it bounds x where the other limb's hole cuts the workspace.
         x = min(reach - shift, l1 * link / shift) if shift else reach
         # At x = 0 both cranks reach furthest along y: within l1 of the shift the full link.
-        y2 = l2**2 - max(shift - l1, 0.0) ** 2
-        z2 = reach**2 - shift**2
+        y2 = l2 * l2 - max(shift - l1, 0.0) * max(shift - l1, 0.0)
+        z2 = reach * reach - shift * shift
         if x <= 0.0 or y2 <= 0.0 or z2 <= 0.0:
             return np.zeros(3), np.zeros(3)
         y, z = math.sqrt(y2), math.sqrt(z2)
@@ -321,7 +324,8 @@ class PauuPpap(Mechanism):
         m, n, l1, l2, c = _lengths(parameters)
         shift = m - n
         low, high = (
-            math.sqrt(max(r**2 - shift**2, 0.0)) for r in (max(abs(l1 - l2), abs(shift)), l1 + l2)
+            math.sqrt(max(r * r - shift * shift, 0.0))
+            for r in (max(abs(l1 - l2), abs(shift)), l1 + l2)
         )
         top = parameters.get("h")
         room = high if top is None else min(high, top - 2 * c)
@@ -374,7 +378,7 @@ class PauuPpap(Mechanism):
             outer = end + np.array([side * n, 0.0, 0.0])
             pivot = np.array([side * m, 0.0, 2 * c])
             across = np.cross(y_axis, link)
-            size = float(np.linalg.norm(across))
+            size = norm_of(across)
             # A link along y, on the boundary of the reach, is crossed by every axis in xz.
             across = across / size if size > ON_SURFACE * l2 else x_axis
             chains.append(
@@ -389,7 +393,7 @@ class PauuPpap(Mechanism):
                 )
             )  # fmt: skip
         rise = (pose["z"] - 2 * c) / (l1 + l2)
-        bar = (l1 + l2) * np.array([math.sqrt(max(1 - rise**2, 0.0)), 0.0, rise])
+        bar = (l1 + l2) * np.array([math.sqrt(max(1 - rise * rise, 0.0)), 0.0, rise])
         foot = np.array([0.0, pose["y"], 2 * c])
         guide = (
             Joint("P", foot, (y_axis,), drive=(self.joints[2].name, 0)),
@@ -425,10 +429,10 @@ class PauuPpap(Mechanism):
         angles = []
         for a, b in _planar(parameters, pose):
             big_a, big_b = 2 * l1 * a, 2 * l1 * b
-            big_c = a**2 + b**2 + pose["y"] ** 2 + l1**2 - l2**2
+            big_c = a * a + b * b + pose["y"] * pose["y"] + l1 * l1 - l2 * l2
             # atan2 of sine and cosine keeps the digits that acos(-C / R) loses near the surface.
-            root = math.sqrt(max(big_a**2 + big_b**2 - big_c**2, 0.0))
-            middle, half = math.atan2(big_b, big_a), math.atan2(root, -big_c)
+            root = math.sqrt(max(big_a * big_a + big_b * big_b - big_c * big_c, 0.0))
+            middle, half = elementary.atan2(big_b, big_a), elementary.atan2(root, -big_c)
             angles.append((middle, half))
         (middle1, half1), (middle2, half2) = angles
         return tuple(
@@ -456,9 +460,9 @@ class PauuPpap(Mechanism):
         l1 = _lengths(parameters)[2]
         t1, t2 = joints["theta1"], joints["theta2"]
         u1, u2 = self._links(parameters, pose, joints)
-        e1 = np.array([-l1 * math.sin(t1), 0.0, -l1 * math.cos(t1)])
-        e2 = np.array([l1 * math.sin(t2), 0.0, -l1 * math.cos(t2)])
-        return np.array([u1, u2, [0.0, 1.0, 0.0]]), np.diag([u1 @ e1, u2 @ e2, 1.0])
+        e1 = np.array([-l1 * elementary.sin(t1), 0.0, -l1 * elementary.cos(t1)])
+        e2 = np.array([l1 * elementary.sin(t2), 0.0, -l1 * elementary.cos(t2)])
+        return np.array([u1, u2, [0.0, 1.0, 0.0]]), np.diag([product(u1, e1), product(u2, e2), 1.0])
 
     def singularity_measures(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -469,7 +473,7 @@ class PauuPpap(Mechanism):
         u1, u2 = j_x[0], j_x[1]
         return {
             "inverse": {self.limbs[i].name: float(j_q[i, i]) / (l1 * l2) for i in range(2)},
-            "forward": {"platform": float(u1[0] * u2[2] - u1[2] * u2[0]) / l2**2},
+            "forward": {"platform": float(u1[0] * u2[2] - u1[2] * u2[0]) / (l2 * l2)},
         }
 
     def velocity_map_units(self) -> dict[str, str]:
@@ -485,7 +489,7 @@ class PauuPpap(Mechanism):
         """Compare what the links have to span with their length."""
         l2, d = _lengths(parameters)[3], joints["d"]
         centre1, centre2 = _centres(parameters, joints)
-        span = math.hypot(d, float(np.hypot(*(centre2 - centre1))) / 2)
+        span = math.hypot(d, math.hypot(*(centre2 - centre1)) / 2)
         return (
             f"each link would have to be at least {span:.6g} m long, "
             f"{span - l2:.6g} m more than l2 = {l2!r} m"
@@ -507,8 +511,8 @@ class PauuPpap(Mechanism):
             low, high = limits.get(joint, (-math.pi, math.pi))
             middle, half = (low + high) / 2, (high - low) / 2
             # A full turn excludes nothing, not even by rounding.
-            least = -math.inf if half >= math.pi else l1 * math.cos(half)
-            arcs += [math.cos(middle), math.sin(middle), least]
+            least = -math.inf if half >= math.pi else l1 * elementary.cos(half)
+            arcs += [elementary.cos(middle), elementary.sin(middle), least]
         return [
             m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,
             math.inf if top is None else top, *arcs, *limits.get("d", (-math.inf, math.inf)),
@@ -531,7 +535,7 @@ class PauuPpap(Mechanism):
         _, _, p2, v2 = pauu_crank(span, b, 0.0, l1, excess, s2)
         if square < 0:
             return [0.0] * 4  # nothing is reachable
-        return [u / l2**2 for u in (-span - p1, b + v1, span + p2, b + v2)]
+        return [u / (l2 * l2) for u in (-span - p1, b + v1, span + p2, b + v2)]
 
     def _links(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -540,8 +544,8 @@ class PauuPpap(Mechanism):
         m, n, l1, _, c = _lengths(parameters)
         end = np.array([pose["x"], pose["y"], pose["z"]])
         t1, t2 = joints["theta1"], joints["theta2"]
-        c1 = np.array([m + l1 * math.cos(t1), 0.0, 2 * c - l1 * math.sin(t1)])
-        c2 = np.array([-m - l1 * math.cos(t2), 0.0, 2 * c - l1 * math.sin(t2)])
+        c1 = np.array([m + l1 * elementary.cos(t1), 0.0, 2 * c - l1 * elementary.sin(t1)])
+        c2 = np.array([-m - l1 * elementary.cos(t2), 0.0, 2 * c - l1 * elementary.sin(t2)])
         offset = np.array([n, 0.0, 0.0])
         return end + offset - c1, end - offset - c2
 
@@ -557,8 +561,8 @@ def _centres(parameters: Parameters, joints: Mapping[str, float]) -> tuple[Vecto
     m, n, l1, _, c = _lengths(parameters)
     t1, t2 = joints["theta1"], joints["theta2"]
     return (
-        np.array([m - n + l1 * math.cos(t1), 2 * c - l1 * math.sin(t1)]),
-        np.array([n - m - l1 * math.cos(t2), 2 * c - l1 * math.sin(t2)]),
+        np.array([m - n + l1 * elementary.cos(t1), 2 * c - l1 * elementary.sin(t1)]),
+        np.array([n - m - l1 * elementary.cos(t2), 2 * c - l1 * elementary.sin(t2)]),
     )
 
 

@@ -44,8 +44,10 @@ from pmopt.mechanisms.ups_rps_forward import (
     rps_MODES,
     rps_WORK,
 )
+from pmopt.numerics import elementary
 from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import unit_vector, ups_joints
+from pmopt.numerics.matrices import determinant, norm_of, product
 from pmopt.numerics.rotation import rotation_matrices
 from pmopt.numerics.strokes import part_within_stroke
 from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
@@ -363,15 +365,15 @@ class UpsRps(Mechanism):
         radius = _radii(parameters)[2]
         twist = np.zeros((6, 5))
         twist[0, 0] = twist[1, 1] = 1.0
-        twist[2, 3] = -radius * math.sin(beta) * math.cos(gamma)
-        twist[2, 4] = -radius * math.cos(beta) * math.sin(gamma)
+        twist[2, 3] = -radius * elementary.sin(beta) * elementary.cos(gamma)
+        twist[2, 4] = -radius * elementary.cos(beta) * elementary.sin(gamma)
         twist[3:, 2:] = rotation_matrices(_angles(pose))[1][0]
-        return full @ twist, np.eye(5)
+        return product(full, twist), np.eye(5)
 
     def full_map(self, parameters: Parameters, pose: Mapping[str, float]) -> Matrix:
         """Return the 6x6 map from (v, omega) to the limbs' rates and limb 1's constraint."""
         rotation, centre = self.platform(parameters, pose)
-        arms = _points(parameters) @ rotation.T
+        arms = product(_points(parameters), rotation.T)
         gaps = centre + arms - _anchors(parameters)
         units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
         along = np.array([0.0, 0.0, 1.0])
@@ -393,7 +395,7 @@ class UpsRps(Mechanism):
         return {
             "inverse": {limb.name: v / longest
                         for limb, v in zip(self.limbs, lengths, strict=True)},
-            "forward": {"platform": float(np.linalg.det(full))},
+            "forward": {"platform": float(determinant(full))},
         }  # fmt: skip
 
     def velocity_map_units(self) -> dict[str, str]:
@@ -404,7 +406,7 @@ class UpsRps(Mechanism):
         self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
     ) -> tuple[Matrix, Vector]:
         """Return Rot and P."""
-        z = _radii(parameters)[2] * math.cos(pose["beta"]) * math.cos(pose["gamma"])
+        z = _radii(parameters)[2] * elementary.cos(pose["beta"]) * elementary.cos(pose["gamma"])
         return rotation_matrices(_angles(pose))[0][0], np.array([pose["x"], pose["y"], z])
 
     def layout(
@@ -413,17 +415,17 @@ class UpsRps(Mechanism):
         """Return the limbs; the first axis of each U is tangential in the base (ours)."""
         rotation, centre = self.platform(parameters, pose)
         anchors = _anchors(parameters)
-        ends = centre + _points(parameters) @ rotation.T
+        ends = centre + product(_points(parameters), rotation.T)
         chains = []
         for k, (limb, anchor, end) in enumerate(zip(self.limbs, anchors, ends, strict=True)):
-            along = (end - anchor) / np.linalg.norm(end - anchor)
+            along = (end - anchor) / norm_of(end - anchor)
             if k == 0:
                 first = Joint("R", anchor, (np.array([0.0, 0.0, 1.0]),))
             else:
                 tangent = np.cross([1.0, 0.0, 0.0], anchor)
-                tangent /= np.linalg.norm(tangent)
+                tangent /= norm_of(tangent)
                 second = np.cross(tangent, along)
-                first = Joint("U", anchor, (tangent, second / np.linalg.norm(second)))
+                first = Joint("U", anchor, (tangent, second / norm_of(second)))
             slide = Joint("P", anchor, (along,), drive=(f"l{k + 1}", 0))
             chains.append(Chain(limb.name, (first, slide, Joint("S", end))))
         return tuple(chains)
@@ -434,18 +436,18 @@ class UpsRps(Mechanism):
         """Return the constants in the order :func:`rps_kernel` unpacks them."""
         big1, big, small = _radii(parameters)
         rotation, centre = self.platform(parameters, self.home(parameters))
-        gaps = centre + _points(parameters) @ rotation.T - _anchors(parameters)
+        gaps = centre + product(_points(parameters), rotation.T) - _anchors(parameters)
         units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
         ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
         return [
             big1, big / math.sqrt(2), *_points(parameters)[:, 1:].ravel().tolist(),
             small, 1 / length, *(end for pair in ends for end in pair),
-            *units[1:].ravel().tolist(), *(units @ rotation).ravel().tolist(),
+            *units[1:].ravel().tolist(), *product(units, rotation).ravel().tolist(),
         ]  # fmt: skip
 
     def _lengths(self, parameters: Parameters, pose: Mapping[str, float]) -> list[float]:
         rotation, centre = self.platform(parameters, pose)
-        gaps = centre + _points(parameters) @ rotation.T - _anchors(parameters)
+        gaps = centre + product(_points(parameters), rotation.T) - _anchors(parameters)
         return [float(v) for v in np.linalg.norm(gaps, axis=1)]
 
 
@@ -469,7 +471,8 @@ def _points(parameters: Parameters) -> Matrix:
     """Return S_1 .. S_5 in the platform, a row each."""
     small = _radii(parameters)[2]
     turns = 2 * math.pi / 5 * np.arange(5)
-    return np.stack([0 * turns, small * np.sin(turns), -small * np.cos(turns)], axis=1)
+    sine, cosine = elementary.sin_cos_of(turns)
+    return np.stack([0 * turns, small * sine, -small * cosine], axis=1)
 
 
 def _angles(pose: Mapping[str, float]) -> NDArray[np.float64]:

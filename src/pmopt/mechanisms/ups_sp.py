@@ -42,6 +42,7 @@ from pmopt.mechanisms.bodies import Body, plate, tube
 from pmopt.mechanisms.ups_sp_forward import sp_assemble, sp_MODES, sp_WORK
 from pmopt.numerics.assembly import Assembler
 from pmopt.numerics.limbs import ups_joints
+from pmopt.numerics.matrices import determinant, norm_of, product
 from pmopt.numerics.octics import bernstein, nodes
 from pmopt.numerics.rotation import rotation_matrices
 from pmopt.numerics.strokes import part_within_stroke
@@ -313,7 +314,7 @@ class UpsSp(Mechanism):
         low, high = limits.get("l4", (0.0, math.inf))
         for i in range(3):
             shortest, longest = limits.get(f"l{i + 1}", (0.0, math.inf))
-            span = np.linalg.norm(base[i] - base[3]) + np.linalg.norm(platform[i] - platform[3])
+            span = norm_of(base[i] - base[3]) + norm_of(platform[i] - platform[3])
             low, high = max(low, shortest - float(span)), min(high, longest + float(span))
         if not math.isfinite(high):
             raise InputError("limits: l4 needs an upper bound, or another limb one")
@@ -355,8 +356,8 @@ class UpsSp(Mechanism):
         arms, gaps, rotation, axes = self._vectors(parameters, pose)
         units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
         j_x = np.zeros((4, 4))
-        j_x[:3, :3] = np.cross(arms, units) @ axes
-        j_x[:3, 3] = units @ rotation[:, 2]
+        j_x[:3, :3] = product(np.cross(arms, units), axes)
+        j_x[:3, 3] = product(units, rotation[:, 2])
         j_x[3, 3] = 1.0
         return j_x, np.eye(4)
 
@@ -372,7 +373,7 @@ class UpsSp(Mechanism):
         return {
             "inverse": {limb.name: v / longest
                         for limb, v in zip(self.limbs, lengths, strict=True)},
-            "forward": {"platform": float(np.linalg.det(rows))},
+            "forward": {"platform": float(determinant(rows))},
         }  # fmt: skip
 
     def velocity_map_units(self) -> dict[str, str]:
@@ -385,7 +386,7 @@ class UpsSp(Mechanism):
         """Return R and P."""
         base, platform = _corners(parameters)
         rotation = rotation_matrices(_angles(pose))[0][0]
-        return rotation, base[3] + rotation @ (np.array([0.0, 0.0, pose["l4"]]) - platform[3])
+        return rotation, base[3] + product(rotation, np.array([0.0, 0.0, pose["l4"]]) - platform[3])
 
     def layout(
         self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
@@ -395,16 +396,16 @@ class UpsSp(Mechanism):
         rotation, centre = self.platform(parameters, pose)
         chains = []
         for i in range(3):
-            end = centre + rotation @ platform[i]
-            along = (end - base[i]) / np.linalg.norm(end - base[i])
+            end = centre + product(rotation, platform[i])
+            along = (end - base[i]) / norm_of(end - base[i])
             first = np.cross([0.0, 0.0, 1.0], base[i])
-            first /= np.linalg.norm(first)
+            first /= norm_of(first)
             second = np.cross(first, along)
             chains.append(
                 Chain(
                     self.limbs[i].name,
                     (
-                        Joint("U", base[i], (first, second / np.linalg.norm(second))),
+                        Joint("U", base[i], (first, second / norm_of(second))),
                         Joint("P", base[i], (along,), drive=(f"l{i + 1}", 0)),
                         Joint("S", end),
                     ),
@@ -421,7 +422,7 @@ class UpsSp(Mechanism):
         arms = platform[:3] - platform[3]
         _, gaps, rotation, _ = self._vectors(parameters, self.home(parameters))
         units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
-        references = np.hstack([units, units @ rotation]).ravel()
+        references = np.hstack([units, product(units, rotation)]).ravel()
         ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
         return [
             float(parameters["A"] or 0.0) / 2,
@@ -437,7 +438,7 @@ class UpsSp(Mechanism):
         base, platform = _corners(parameters)
         rotations, axes = rotation_matrices(_angles(pose))
         local = platform[:3] - platform[3] + np.array([0.0, 0.0, pose["l4"]])
-        arms = local @ rotations[0].T
+        arms = product(local, rotations[0].T)
         return arms, arms - (base[:3] - base[3]), rotations[0], axes[0]
 
     def _lengths(self, parameters: Parameters, pose: Mapping[str, float]) -> list[float]:
@@ -452,7 +453,7 @@ def _corners(parameters: Parameters) -> tuple[Matrix, Matrix]:
     platform = small * square
     platform[1] = platform[3] + kite * (platform[0] + platform[2] - 2 * platform[3])
     turn = rotation_matrices(np.array([[twist, 0.0, 0.0]]))[0][0]
-    return big * square, platform @ turn.T
+    return big * square, product(platform, turn.T)
 
 
 def _angles(pose: Mapping[str, float]) -> NDArray[np.float64]:

@@ -61,8 +61,10 @@ from pmopt.mechanisms.base import (
 )
 from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.mechanisms.uu_upu_forward import uu_assemble
+from pmopt.numerics import elementary
 from pmopt.numerics.assembly import Assembler
-from pmopt.numerics.trigonometry import sin_cos
+from pmopt.numerics.matrices import determinant, dot, product
+from pmopt.numerics.trigonometry import arc_tangent, sin_cos
 
 TINY = 1e-300
 #: Least rho^2: bs = ps lets it be 0, its square may not.
@@ -469,15 +471,15 @@ def posture(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
     _, f, _, h, _ = uup_bar(sk, ck, a, c, l2, s)
     y = f * c * sk
     wx, wy, wz = at[15] - r, at[16], at[17]
-    theta1 = math.atan2(wx, wz)
+    theta1 = arc_tangent(wx, wz)
     flat = math.sqrt(wx * wx + wz * wz)
     l1 = math.sqrt(flat * flat + wy * wy)
-    delta2 = math.atan2(y - a + c * ck, h + c * sk)
-    delta3 = math.atan2(y + a - c * ck, h - c * sk)
+    delta2 = arc_tangent(y - a + c * ck, h + c * sk)
+    delta3 = arc_tangent(y + a - c * ck, h - c * sk)
     return (
         *at[:12],
-        theta1, math.atan2(sphi, cphi), delta3,
-        l1, math.atan2(wy, flat), delta2, math.atan2(sk, ck), math.atan2(spsi, cpsi),
+        theta1, arc_tangent(sphi, cphi), delta3,
+        l1, arc_tangent(wy, flat), delta2, arc_tangent(sk, ck), arc_tangent(spsi, cpsi),
         r, 0.0, 0.0, 0.0, 1.0, 0.0, -wz / flat, 0.0, wx / flat,
         r, 0.0, 0.0, wx / l1, wy / l1, wz / l1,
         at[15], at[16], at[17],
@@ -563,14 +565,14 @@ def configuration(parameters: Parameters, q: Vector, sign: float) -> Configurati
     """Return the mechanism at internal coordinates; |kappa| beyond its limit counts as at f = 0."""
     a, c, length, r, big_r = _lengths(parameters)
     phi, kappa, psi = (float(v) for v in q)
-    sk, ck = math.sin(kappa), math.cos(kappa)
-    bar = uup_bar(sk, ck, a, c, length**2, sign)
+    sk, ck = elementary.sin(kappa), elementary.cos(kappa)
+    bar = uup_bar(sk, ck, a, c, length * length, sign)
     plane = _about_y(phi)
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, ck, -sk], [0.0, sk, ck]])
-    rotation = plane @ tilt @ _about_y(psi)
+    rotation = product(product(plane, tilt), _about_y(psi))
     _, f, _, h, _ = bar
     y = f * c * sk
-    middle = np.array([-r / 2, 0.0, 0.0]) + plane @ [0.0, y, h]
+    middle = np.array([-r / 2, 0.0, 0.0]) + product(plane, [0.0, y, h])
     across = rotation[:, 0]
     base = np.array([[r, 0.0, 0.0], [-r / 2, a, 0.0], [-r / 2, -a, 0.0]])
     side = c * rotation[:, 1]
@@ -590,10 +592,10 @@ def configuration(parameters: Parameters, q: Vector, sign: float) -> Configurati
         ends=ends,
         lengths=lengths,
         directions=vectors / np.maximum(lengths, TINY)[:, None],
-        theta1=math.atan2(w[0], w[2]),
-        eta1=math.atan2(w[1], math.hypot(w[0], w[2])),
-        delta2=math.atan2(y - a + c * ck, h + c * sk),
-        delta3=math.atan2(y + a - c * ck, h - c * sk),
+        theta1=elementary.atan2(w[0], w[2]),
+        eta1=elementary.atan2(w[1], math.hypot(w[0], w[2])),
+        delta2=elementary.atan2(y - a + c * ck, h + c * sk),
+        delta3=elementary.atan2(y + a - c * ck, h - c * sk),
     )
 
 
@@ -603,7 +605,7 @@ def rates(parameters: Parameters, at: Configuration, scaled: bool = False) -> Ra
     _, f, g, h, h_k = at.bar
     scale = abs(f) if scaled else 1.0
     plane = _about_y(float(at.q[0]))
-    sk, ck = math.sin(at.q[1]), math.cos(at.q[1])
+    sk, ck = elementary.sin(at.q[1]), elementary.cos(at.q[1])
     y = f * c * sk
     # Rates of M in the plane, by kappa: |f| times them is finite.
     y_k, h_k = (v if scaled else v / abs(f) for v in (at.sign * c * (g * sk + f * f * ck), h_k))
@@ -611,20 +613,20 @@ def rates(parameters: Parameters, at: Configuration, scaled: bool = False) -> Ra
     angular = np.column_stack([[0.0, 1.0, 0.0], scale * at.normal, o])
     pivot = np.array([-r / 2, 0.0, 0.0])
     turned = np.cross([0.0, 1.0, 0.0], at.middle - pivot)
-    middle = np.column_stack([turned, plane @ [0.0, y_k, h_k], np.zeros(3)])
+    middle = np.column_stack([turned, product(plane, [0.0, y_k, h_k]), np.zeros(3)])
 
     def moving(offset: Vector) -> Matrix:
         return middle + np.cross(angular.T, offset).T
 
     points = [moving(point - at.middle) for point in at.ends]
     w = at.ends[0] - at.base[0]
-    flat2 = w[0] ** 2 + w[2] ** 2
+    flat2 = w[0] * w[0] + w[2] * w[2]
     l1, moved = float(at.lengths[0]), points[0]
-    l1_q = w @ moved / max(l1, TINY)
+    l1_q = product(w, moved) / max(l1, TINY)
     bars = []
     for sign, s_, c_ in ((1, y - a + c * ck, h + c * sk), (-1, y + a - c * ck, h - c * sk)):
         ds, dc = y_k - sign * scale * c * sk, h_k + sign * scale * c * ck
-        bars.append(np.array([0.0, (ds * c_ - dc * s_) / length**2, 0.0]))
+        bars.append(np.array([0.0, (ds * c_ - dc * s_) / (length * length), 0.0]))
     return Rates(
         angular=angular,
         centre=moving(big_r / 2 * across),
@@ -734,7 +736,7 @@ class UuUpu(Mechanism):
     def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
         """Return |P_x + r/2| <= highest M + R/2, cut by |P1 - B1| <= l1; angles in full."""
         a, c, length, r, big_r = _lengths(parameters)
-        height = math.sqrt(max(length**2 - (a - c) ** 2, 0.0))
+        height = math.sqrt(max(length * length - (a - c) * (a - c), 0.0))
         low, high = -r / 2 - height - big_r / 2, -r / 2 + height + big_r / 2
         longest = limits.get("l1", (-math.inf, math.inf))[1]
         low, high = max(low, r - longest - big_r), min(high, r + longest + big_r)
@@ -769,7 +771,7 @@ class UuUpu(Mechanism):
     def home(self, parameters: Parameters) -> dict[str, float]:
         """Return the level pose with P1 further out than B1 by a third of the limbs' height."""
         a, c, length, r, big_r = _lengths(parameters)
-        height = math.sqrt(max(length**2 - (a - c) ** 2, 0.0))
+        height = math.sqrt(max(length * length - (a - c) * (a - c), 0.0))
         out = height / 3 - 1.5 * (big_r - r)
         out = min(max(out, -0.9 * height), 0.9 * height)
         return {"x": out + (big_r - r) / 2, "beta": 0.0, "gamma": 0.0}
@@ -847,9 +849,9 @@ class UuUpu(Mechanism):
         rate = rates(parameters, at, scaled=True)
         x_q = _pose_rates(rate, at.rotation)
         adjugate = np.cross(x_q[[1, 2, 0]], x_q[[2, 0, 1]]).T
-        cb = math.cos(pose["beta"])
-        j_x = rate.joints @ adjugate @ np.diag([1.0, cb, cb * cb])
-        return j_x, float(x_q[0] @ adjugate[:, 0]) * np.eye(3)
+        cb = elementary.cos(pose["beta"])
+        j_x = product(product(rate.joints, adjugate), np.diag([1.0, cb, cb * cb]))
+        return j_x, float(product(x_q[0], adjugate[:, 0])) * np.eye(3)
 
     def singularity_measures(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -866,13 +868,14 @@ class UuUpu(Mechanism):
         x_q = _pose_rates(rates(parameters, at, scaled=True), at.rotation)
         across, o = at.rotation[:, 0], at.rotation[:, 1]
         # rho^2 = L^2 / (excess + 1); the determinant is |f| cos phi cos^2 beta dP_x/dv.
-        shrink = (across[0] ** 2 + across[1] ** 2) * math.sqrt(max(at.bar[0] + 1.0, TINY))
-        extreme = -float(np.linalg.det(x_q) / (max(shrink, TINY) * (length + big_r)))
-        direction = np.array([math.cos(at.theta1), 0.0, -math.sin(at.theta1)])
-        in_line = math.cos(at.q[1] + at.delta2)
-        lever = float(direction @ np.cross(o, across))
+        shrink = across[0] * across[0] + across[1] * across[1]
+        shrink *= math.sqrt(max(at.bar[0] + 1.0, TINY))
+        extreme = -float(determinant(x_q) / (max(shrink, TINY) * (length + big_r)))
+        direction = np.array([elementary.cos(at.theta1), 0.0, -elementary.sin(at.theta1)])
+        in_line = elementary.cos(at.q[1] + at.delta2)
+        lever = float(product(direction, np.cross(o, across)))
         return {
-            "inverse": {"limb 1": math.cos(at.eta1), "limb 2": extreme, "limb 3": extreme},
+            "inverse": {"limb 1": elementary.cos(at.eta1), "limb 2": extreme, "limb 3": extreme},
             "forward": {"platform": in_line * lever, "link 2": in_line, "limb 1": lever},
         }
 
@@ -924,7 +927,7 @@ class UuUpu(Mechanism):
         """Return the limbs; the axes are those theta1, eta1, phi, delta2 and delta3 turn about."""
         at = self.at(parameters, pose, working_mode)
         y, o, n = np.array([0.0, 1.0, 0.0]), at.rotation[:, 1], at.normal
-        across = np.array([-math.cos(at.theta1), 0.0, math.sin(at.theta1)])
+        across = np.array([-elementary.cos(at.theta1), 0.0, elementary.sin(at.theta1)])
         b1, b2, b3 = at.base
         p1, p2, p3 = at.ends
         return (
@@ -948,7 +951,7 @@ class UuUpu(Mechanism):
         if name not in self.layouts:
             raise unknown_name("layout", name, self.layouts)
         _, _, length, r, big_r = _lengths(parameters)
-        rise = length**2 - (r - big_r) ** 2
+        rise = length * length - (r - big_r) * (r - big_r)
         if rise <= 0.0:
             raise UnreachableError(
                 f"{self.name}: L = {length!r} m does not reach a centred platform"
@@ -956,8 +959,8 @@ class UuUpu(Mechanism):
         chains = []
         for k in range(3):
             turn = 2 * math.pi / 3 * k
-            radial = np.array([math.cos(turn), math.sin(turn), 0.0])
-            tangent = np.array([-math.sin(turn), math.cos(turn), 0.0])
+            radial = np.array([elementary.cos(turn), elementary.sin(turn), 0.0])
+            tangent = np.array([-elementary.sin(turn), elementary.cos(turn), 0.0])
             base, end = r * radial, big_r * radial + [0.0, 0.0, math.sqrt(rise)]
             # Limb 1's slider is driven by its first axis; so are the others by theirs.
             lower = Joint("U", base, (radial, tangent), drive=(self.joints[k].name, int(k == 2)))
@@ -977,11 +980,12 @@ class UuUpu(Mechanism):
             if not high - low < 2 * math.pi:
                 return [1.0, 0.0, -2.0]
             middle = (low + high) / 2
-            return [math.cos(middle), math.sin(middle), math.cos((high - low) / 2) - 4e-16]
+            sine, cosine = elementary.sin_cos(middle)
+            return [cosine, sine, elementary.cos((high - low) / 2) - 4e-16]
 
         home = _root(parameters, self.home(parameters), working_mode)
         # Without a home there is nothing to measure from: every cone angle counts as 90 degrees.
-        references = np.zeros((3, 3)) if home is None else home.directions @ home.rotation
+        references = np.zeros((3, 3)) if home is None else product(home.directions, home.rotation)
         return [
             *_geometry(parameters, working_mode), length,
             *arc("theta1"), *arc("phi"), *arc("delta3"),
@@ -1014,20 +1018,21 @@ def _geometry(parameters: Parameters, mode: str) -> list[float]:
     # The cotangent of the largest |kappa|, where rho = L.
     cosine = (a * a + c * c - length * length) / (2 * a * c)
     far = cosine / math.sqrt(1 - cosine * cosine) if abs(cosine) < 1 else math.copysign(1e9, cosine)
-    return [a, c, length**2, length, r, big_r, up if a >= c else -up, up, far]
+    return [a, c, length * length, length, r, big_r, up if a >= c else -up, up, far]
 
 
 def _about_y(angle: float) -> Matrix:
-    s, c = math.sin(angle), math.cos(angle)
+    s, c = elementary.sin(angle), elementary.cos(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _yaw(rotation: Matrix, beta: float, gamma: float) -> float:
     """Return alpha of Rot = Rz(alpha) Ry(beta) Rx(gamma), at beta = 90 degrees too."""
-    sb, cb, sg, cg = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)
+    (sb, cb), (sg, cg) = elementary.sin_cos(beta), elementary.sin_cos(gamma)
     first, second = np.array([[cb, sb * sg, sb * cg], [0.0, cg, -sg]])
     x, y = rotation[0], rotation[1]
-    return math.atan2(y @ first - x @ second, x @ first + y @ second)
+    across = dot(y, first) - dot(x, second)
+    return elementary.atan2(across, dot(x, first) + dot(y, second))
 
 
 def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
@@ -1040,15 +1045,15 @@ def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
 
 def _curve(pose: Mapping[str, float]) -> tuple[float, float, float, float]:
     """Return m, mu, sin w and cos w."""
-    m = math.cos(pose["beta"]) * math.sin(pose["gamma"])
-    rise, level = math.sin(pose["beta"]), math.cos(pose["beta"]) * math.cos(pose["gamma"])
+    (rise, cb), (sg, cg) = (elementary.sin_cos(pose[name]) for name in ("beta", "gamma"))
+    m, level = cb * sg, cb * cg
     mu = math.hypot(rise, level) + TINY
     return m, mu, rise / mu, level / mu
 
 
 def _q(u: float, curve: tuple[float, float, float, float]) -> Vector:
     sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, *curve)
-    return np.array([math.atan2(sphi, cphi), math.atan2(sk, ck), math.atan2(spsi, cpsi)])
+    return elementary.each(elementary.atan2, [sphi, sk, spsi], [cphi, ck, cpsi])
 
 
 def _nearest(
@@ -1060,7 +1065,7 @@ def _nearest(
         miss, slope, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
             pose["x"], pose["beta"], pose["gamma"], (a, c, l2, r, big_r, s, up, far)
         )
-    q = np.array([math.atan2(sphi, cphi), math.atan2(sk, ck), math.atan2(spsi, cpsi)])
+    q = elementary.each(elementary.atan2, [sphi, sk, spsi], [cphi, ck, cpsi])
     return q, miss, slope, s
 
 
@@ -1139,39 +1144,40 @@ def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, lis
     m = max(abs(m), FLAT)
     found: dict[float, list[tuple[tuple[float, float], Vector]]] = {1.0: [], -1.0: []}
     # t falls from start to end, where the links are stretched or v = 180 degrees.
-    largest = (a * a + c * c - length**2) / (2 * a * c)
-    start = math.asinh(mu / m)
-    end = -start if largest <= -1.0 else -math.inf if largest >= 1.0 else math.atanh(largest)
+    largest = (a * a + c * c - length * length) / (2 * a * c)
+    start = elementary.asinh(mu / m)
+    end = -start if largest <= -1.0 else -math.inf if largest >= 1.0 else elementary.atanh(largest)
     if end == -math.inf or end >= start:
         return {1.0: [], -1.0: []}
     stretched = end > -start
     end = max(end, -start)
     # Both halves end in the same point: a root between their ends would be lost.
-    least = max(m * math.sinh(end) / mu, -1.0) if stretched else -1.0
+    least = max(m * elementary.sinh(end) / mu, -1.0) if stretched else -1.0
 
     def across(cv: Any, sv: Any, side: Any, s: Any) -> tuple[Any, Any]:
         """Return P_x - x and what has the sign of its slope by |v|, of numbers or arrays."""
-        cphi2 = cv * cv + (m * sv) ** 2
-        cphi = cphi2**0.5
+        cphi2 = cv * cv + m * sv * (m * sv)
+        cphi = np.sqrt(cphi2)
         sk, ck, sphi = m / cphi, mu * cv / cphi, side * mu * sv
         spsi, cpsi = sw * cv - cw * side * sv, cw * cv + sw * side * sv
         less = sk * sk / (1.0 + abs(ck)) + (abs(ck) - ck)
-        rho2 = (a - c) ** 2 + 2 * a * c * less + uup_POINT
-        excess = length**2 / rho2 - 1.0
+        rho2 = (a - c) * (a - c) + 2 * a * c * less + uup_POINT
+        excess = (length * length) / rho2 - 1.0
         # The positive part, of arrays too.
         f2 = 0.5 * (excess + abs(excess))
-        f = f2**0.5
+        f = np.sqrt(f2)
         arm = a - c + c * less
-        h_k = (f2 * c - length**2 * a * c / (rho2 * rho2) * arm) * sk
+        h_k = (f2 * c - (length * length) * a * c / (rho2 * rho2) * arm) * sk
         value = s * f * arm * sphi + big_r / 2 * (cphi * cpsi - sphi * ck * spsi) - x
         even = s * h_k * sk * sphi * sphi
         even = even + f * (s * f * arm * cphi2 * ck + big_r / 2 * spsi * sk * sk)
         return value, side * even
 
-    first, last = math.atan2(m, mu), math.atan2(1.0, math.sinh(end))
+    first, last = elementary.atan2(m, mu), elementary.atan2(1.0, elementary.sinh(end))
     inner = np.linspace(0.0, 1.0, NODES + 2)[1:-1]
-    by_v = np.cos(inner * math.acos(least))
-    by_kappa = m / np.tan(last - (last - first) * inner**2) / mu
+    by_v = elementary.sin_cos_of(inner * elementary.acos(least))[1]
+    sine, cosine = elementary.sin_cos_of(last - (last - first) * (inner * inner))
+    by_kappa = m * cosine / sine / mu
     cosines = np.clip(np.concatenate([by_v, by_kappa, [1.0, least]]), least, 1.0)
     cosines = np.sort(cosines)[::-1]
     side, s = np.array([[1.0], [-1.0], [1.0], [-1.0]]), np.array([[1.0], [1.0], [-1.0], [-1.0]])
@@ -1189,8 +1195,8 @@ def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, lis
 
         def place(p: float, near: bool = near) -> tuple[float, float]:
             if not near:
-                return math.cos(p), math.sin(p)
-            cv = m * math.sinh(p) / mu
+                return elementary.cos(p), elementary.sin(p)
+            cv = m * elementary.sinh(p) / mu
             return cv, math.sqrt(max(1.0 - cv * cv, 0.0))
 
         def miss(p: float, sense: float = sense, s_row: float = s_row) -> float:
@@ -1199,7 +1205,7 @@ def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, lis
         def turn(p: float, sense: float = sense, s_row: float = s_row) -> float:
             return float(across(*place(p), sense, s_row)[1])
 
-        low, high = (math.asinh(mu * cv / m) if near else math.acos(cv) for cv in ends)
+        low, high = (elementary.asinh(mu * cv / m) if near else elementary.acos(cv) for cv in ends)
         brackets = [(low, high)]
         if turns[row, k]:
             middle = _zero(turn, low, high)
@@ -1210,9 +1216,9 @@ def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, lis
         for pair in brackets:
             cv, sv = place(_zero(miss, *pair))
             cphi = math.hypot(cv, m * sv)
-            phi = math.atan2(sense * mu * sv, cphi)
-            kappa = mirror * math.atan2(m, mu * cv)
-            psi = math.atan2(sw * cv - cw * sense * sv, cw * cv + sw * sense * sv)
+            phi = elementary.atan2(sense * mu * sv, cphi)
+            kappa = mirror * elementary.atan2(m, mu * cv)
+            psi = elementary.atan2(sw * cv - cw * sense * sv, cw * cv + sw * sense * sv)
             found[s_row].append(((-cv, -sense), np.array([phi, kappa, psi])))
     return {s: [q for _, q in sorted(some, key=lambda one: one[0])] for s, some in found.items()}
 
@@ -1240,15 +1246,15 @@ def _matching(
     a, c, length, _, _ = _lengths(parameters)
     m, _, sw, cw = _curve(pose)
     phi, d3 = joints["phi"], joints["delta3"]
-    sphi, cphi = math.sin(phi), math.cos(phi)
-    p3 = np.array([-a + length * math.sin(d3), length * math.cos(d3)])
+    sphi, cphi = elementary.sin(phi), elementary.cos(phi)
+    p3 = np.array([-a + length * elementary.sin(d3), length * elementary.cos(d3)])
     couplers, rise = _couplers(parameters, p3)
 
     def at(sk: float, ck: float) -> Configuration:
         ym, hm = p3 + c * np.array([ck, sk])
         sign = 1.0 if ym * c * sk + hm * (a - c * ck) >= 0.0 else -1.0
-        psi = math.atan2(sw, cw) - math.atan2(sphi, cphi * ck)
-        return configuration(parameters, np.array([phi, math.atan2(sk, ck), psi]), sign)
+        psi = elementary.atan2(sw, cw) - elementary.atan2(sphi, cphi * ck)
+        return configuration(parameters, np.array([phi, elementary.atan2(sk, ck), psi]), sign)
 
     def gap(found: Configuration) -> float:
         return float(abs(found.rotation[2, 1] - m) + abs(found.centre[0] - pose["x"]) / length)
@@ -1256,7 +1262,7 @@ def _matching(
     if not couplers:  # P3 in B2: kappa from the height alone
         couplers, rise = [np.array([ck, m / cphi]) for ck in (1.0, -1.0)], -1.0
     best = min((at(float(sk), float(ck)) for ck, sk in couplers), key=gap)
-    ck = math.cos(best.q[1])
+    ck = elementary.cos(best.q[1])
     if abs(cphi * ck) > rise:
         sk = min(max(m / cphi, -1.0), 1.0)
         best = at(sk, math.copysign(math.sqrt(1 - sk * sk), ck))
@@ -1271,14 +1277,14 @@ def _couplers(parameters: Parameters, p3: Vector) -> tuple[list[Vector], float]:
     """
     a, c, length, _, _ = _lengths(parameters)
     between = np.array([a, 0.0]) - p3
-    span = float(np.hypot(*between))
+    span = math.hypot(*between)
     if span <= TINY:
         return [], -1.0
-    cosine = (4 * c**2 - length**2 + span**2) / (4 * c * span)
+    cosine = (4 * (c * c) - length * length + span * span) / (4 * c * span)
     sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
     forth = between / span
     left = np.array([-forth[1], forth[0]])
-    fits = cosine * cosine - 1.0 < 1e-12 * (length / (2 * c)) ** 2
+    fits = cosine * cosine - 1.0 < 1e-12 * (length / (2 * c)) * (length / (2 * c))
     return [cosine * forth + side * sine * left for side in (1.0, -1.0)], sine if fits else -1.0
 
 
@@ -1286,7 +1292,7 @@ def _span(parameters: Parameters, joints: Mapping[str, float]) -> float:
     """Return the distance of P3 from B2."""
     a, _, length, _, _ = _lengths(parameters)
     d3 = joints["delta3"]
-    return math.hypot(length * math.sin(d3) - 2 * a, length * math.cos(d3))
+    return math.hypot(length * elementary.sin(d3) - 2 * a, length * elementary.cos(d3))
 
 
 MECHANISM = UuUpu()

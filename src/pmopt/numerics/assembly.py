@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pmopt.numerics.compiled import Compiled, Entry
 from pmopt.numerics.specialise import PREFACE, collect
+from pmopt.numerics.trigonometry import arc_tangent
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,10 @@ def assembly_angles(r):  # type: ignore[no-untyped-def]
     level = math.sqrt(r11 * r11 + r21 * r21)
     ca = r11 / level if level > 0.0 else 1.0
     sa = r21 / level if level > 0.0 else 0.0
-    a = math.atan2(sa, ca)
-    b = math.atan2(0.0 - r31, level)
+    a = arc_tangent(sa, ca)
+    b = arc_tangent(0.0 - r31, level)
     # From the rotation with a taken out: exact where b is a quarter turn, too.
-    c = math.atan2(sa * r13 - ca * r23, ca * r22 - sa * r12)
+    c = arc_tangent(sa * r13 - ca * r23, ca * r22 - sa * r12)
     half = 3.141592653589793
     return a if a > -half else half, b, c if c > -half else half
 

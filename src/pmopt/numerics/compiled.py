@@ -3,11 +3,15 @@
 A text is compiled by numba entry by entry, when an entry is first called. What is kept is the
 object code; a later process loads it with llvmlite alone, in a few milliseconds where importing
 numba takes half a second. The folder of a text is named after the hash of the text, the versions
-of numba, llvmlite, NumPy and Python, what the environment tells numba, this file, and the
-processor: an edit anywhere changes the folder, so that machine code can not go stale. Files are
-written whole or not at all, so that processes that begin at once on an empty cache do not meet half
-a file, and begin with a hash of their place and content: what is cut short, altered or another
-entry's is compiled anew, never run.
+of numba, llvmlite, NumPy and Python, what the environment tells numba, this file, and the processor
+that code is made for: an edit anywhere changes the folder, so that machine code can not go stale.
+Files are written whole or not at all, so that processes that begin at once on an empty cache do not
+meet half a file, and begin with a hash of their place and content: what is cut short, altered or
+another entry's is compiled anew, never run.
+
+Code is made for the processor at hand. Texts ask for no fast arithmetic, so that its bits are those
+of code for any other. ``$PMOPT_TARGET`` says ``haswell`` for code that every x86-64 with AVX2 and
+FMA runs: machines of several kinds then share one cache.
 
 Machine code is taken from files that this user or root owns and that nobody else can write. Where
 the cache has others, or cannot be written, a folder of this user's own is used beside it.
@@ -60,6 +64,11 @@ _KINDS: dict[str, Any] = {
     "int64": ctypes.c_int64, "uint64": ctypes.c_uint64, "float64": ctypes.c_double,
     "uint8": ctypes.c_uint8, "int32": ctypes.c_int32,
 }  # fmt: skip
+#: LLVM's name of the oldest processor of its kind (2013), and what runs code for it.
+FIXED = "haswell"
+_NEEDED = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt")
+#: What ``$PMOPT_TARGET`` may say; the first is the default.
+TARGETS = ("host", FIXED)
 _lock = threading.Lock()
 _engines: list[Any] = []  # what keeps loaded machine code alive
 
@@ -156,7 +165,6 @@ def _is_writable(folder: Path) -> bool:
 def _machine() -> tuple[str, ...]:
     """Return what machine code depends on beside its text."""
     import llvmlite
-    import llvmlite.binding as llvm
 
     return (
         importlib.metadata.version("numba"),
@@ -169,14 +177,55 @@ def _machine() -> tuple[str, ...]:
             for k, v in sorted(os.environ.items())
             if k.startswith("NUMBA_") and k not in _HARMLESS
         ),
-        llvm.get_host_cpu_name(),
-        llvm.get_host_cpu_features().flatten(),
     )
+
+
+class Target(NamedTuple):
+    """The processor that code is made for: LLVM's name of it, and what it has beside its own."""
+
+    cpu: str
+    features: str
+
+
+def target() -> Target:
+    """Return what code is made for: see ``$PMOPT_TARGET``.
+
+    A processor that cannot run the code of :data:`FIXED` has its own.
+
+    Raises
+    ------
+    ValueError
+        Where ``$PMOPT_TARGET`` is none of :data:`TARGETS`.
+    """
+    import llvmlite.binding as llvm
+
+    given = os.environ.get("PMOPT_TARGET") or TARGETS[0]
+    if given not in TARGETS:
+        raise ValueError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: {', '.join(TARGETS)}")
+    features = llvm.get_host_cpu_features()
+    if given == FIXED and all(features.get(name) for name in _NEEDED):
+        return Target(FIXED, "")
+    return Target(llvm.get_host_cpu_name(), features.flatten())
+
+
+#: What numba makes code for in this process, once it is known.
+_numba_target: list[Target] = []
+
+
+def _set_numba() -> bool:
+    """Have numba make code for the target; return whether it does, which it settles once only."""
+    wanted = target()
+    if not _numba_target and "numba" not in sys.modules:
+        from numba.core import config
+
+        config.CPU_NAME, config.CPU_FEATURES = wanted
+        _numba_target.append(wanted)
+    return wanted in _numba_target
 
 
 def folder_of(text: str, entries: Sequence[Entry]) -> Path:
     """Return the folder in the cache that holds a text and its machine code."""
-    parts = (text, repr(tuple(entries)), *_machine())
+    parts = (text, repr(tuple(entries)), *_machine(), *target())
     return cache_root() / hashlib.sha256("\0".join(parts).encode()).hexdigest()[:20]
 
 
@@ -277,6 +326,8 @@ class Compiled:
         if self._module is None:
             if self.on_compile is not None:
                 self.on_compile()
+            if not _set_numba():
+                return _compiled_elsewhere(self, entry)
             with undisturbed():
                 self._module = self._import()
         with undisturbed():
@@ -347,6 +398,23 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
             process.wait()
 
 
+def _compiled_elsewhere(compiled: Compiled, entry: Entry) -> bytes:
+    """Return an entry's object code from a process in which numba does not have its own target."""
+    command = [sys.executable, "-c", f"from {__name__} import _emit; _emit()"]
+    asked = json.dumps([compiled.text, compiled.entries, entry.name])
+    done = subprocess.run(command, input=asked.encode(), capture_output=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{entry.name}: not compiled: {done.stderr.decode().strip()[-300:]}")
+    return done.stdout
+
+
+def _emit() -> None:
+    """Write the object code that stdin asks for: what a process of its own runs."""
+    text, entries, name = json.load(sys.stdin)
+    compiled = Compiled(text, [Entry(n, tuple(a)) for n, a in entries])
+    sys.stdout.buffer.write(compiled._compile(compiled._by_name[name]))
+
+
 def _serve() -> None:
     """Compile what stdin asks for, a line each: what a process of :func:`compile_ahead` runs."""
     texts: dict[str, Compiled] = {}
@@ -405,14 +473,14 @@ def _initialize() -> None:
 
 
 def _target_machine() -> Any:
-    """Return LLVM's code generator for this processor, with numba's options."""
+    """Return LLVM's code generator for the target, with numba's options."""
     import llvmlite.binding as llvm
 
-    features = llvm.get_host_cpu_features().flatten()
+    wanted = target()
     triple = llvm.get_process_triple()
     return llvm.Target.from_triple(triple).create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=features,
+        cpu=wanted.cpu,
+        features=wanted.features,
         opt=3,
         reloc="static" if triple.startswith("x86") else "default",
         codemodel="jitdefault",

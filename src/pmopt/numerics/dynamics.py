@@ -29,6 +29,7 @@ import numpy as np
 
 from pmopt.numerics.compiled import Compiled, Entry
 from pmopt.numerics.specialise import PLAIN, PREFACE, collect
+from pmopt.numerics.trigonometry import arc_tangent
 
 #: Kinds of joints, as numbers of a joint table.
 REVOLUTE, PRISMATIC, CYLINDRICAL, UNIVERSAL, SPHERICAL, PARALLELOGRAM = range(6)
@@ -381,9 +382,9 @@ def euler(stance, twist, angles, rates):
     ca = stance[3] / cb
     sa = stance[6] / cb
     sb = -stance[9]
-    angles[3] = math.atan2(stance[6], stance[3])
-    angles[4] = math.atan2(sb, cb)
-    angles[5] = math.atan2(stance[10], stance[11])
+    angles[3] = arc_tangent(stance[6], stance[3])
+    angles[4] = arc_tangent(sb, cb)
+    angles[5] = arc_tangent(stance[10], stance[11])
     rates[5] = (ca * twist[0] + sa * twist[1]) / cb
     rates[4] = -sa * twist[0] + ca * twist[1]
     rates[3] = twist[2] + sb * rates[5]

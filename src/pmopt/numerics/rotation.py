@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.numerics.elementary import sin_cos_of
+
 Array = NDArray[np.float64]
 
 
@@ -22,7 +24,7 @@ def rotation_matrices(angles: Array) -> tuple[Array, Array]:
     axes : (N, 3, 3) float64
         The angular velocity is ``axes @ rates``.
     """
-    (sz, sy, sx), (cz, cy, cx) = np.sin(angles).T, np.cos(angles).T
+    (sz, sy, sx), (cz, cy, cx) = (part.T for part in sin_cos_of(angles))
     zero, one = np.zeros_like(sz), np.ones_like(sz)
     rotations = np.array([
         [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],

@@ -3,6 +3,8 @@
 The polynomials are the minimax ones of fdlibm (Sun Microsystems, k_sin.c and k_cos.c).
 """
 
+import math
+
 import numpy as np
 
 TWO_OVER_PI = 0.6366197723675814
@@ -50,3 +52,49 @@ def roll_pitch_yaw(about_z, about_y, about_x):
         sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx,
         -sy, cy * sx, cy * cx,
     )  # fmt: skip
+
+
+# arctan by fdlibm (s_atan.c), to |x| < 7/16.
+A0 = 3.33333333333329318027e-01
+A1 = -1.99999999998764832476e-01
+A2 = 1.42857142725034663711e-01
+A3 = -1.11111104054623557880e-01
+A4 = 9.09088713343650656196e-02
+A5 = -7.69187620504482999495e-02
+A6 = 6.66107313738753120669e-02
+A7 = -5.83357013379057348645e-02
+A8 = 4.97687799461593236017e-02
+A9 = -3.65315727442169155270e-02
+A10 = 1.62858201153657823623e-02
+TAN_EIGHTH = 0.41421356237309503
+# Angles whose doubles fall short by the numbers that follow.
+QUARTER_PI_1 = 7.85398163397448278999e-01
+QUARTER_PI_2 = 3.06161699786838301793e-17
+PI_1 = 3.141592653589793116
+PI_2 = 1.2246467991473531772e-16
+
+
+def arc_tangent(y, x):
+    """Return the angle of (x, y) in [-pi, pi], as atan2 does; correct to 5e-16.
+
+    The C library's differs between its versions and between processors.
+    """
+    across = abs(y)
+    along = abs(x)
+    steep = across > along
+    small = along if steep else across
+    large = across if steep else along
+    middle = small > TAN_EIGHTH * large
+    above = small - large if middle else small
+    below = small + large if middle else large
+    r = above / (below if below > 0.0 else 1.0)
+    z = r * r
+    w = z * z
+    s = z * (A0 + w * (A2 + w * (A4 + w * (A6 + w * (A8 + w * A10)))))
+    s = s + w * (A1 + w * (A3 + w * (A5 + w * (A7 + w * A9))))
+    # Base and sign by octant: r alone, pi / 4 + r, and these from pi / 2 and from pi.
+    angle = QUARTER_PI_1 - ((r * s - QUARTER_PI_2) - r) if middle else r - r * s
+    angle = (2.0 * QUARTER_PI_1 - angle) + 2.0 * QUARTER_PI_2 if steep else angle
+    left = x < 0.0 or (across == 0.0 and math.copysign(1.0, x) < 0.0)
+    angle = PI_1 - (angle - PI_2) if left else angle
+    return math.copysign(angle, y)

@@ -414,7 +414,10 @@ class Batch:
                     if isinstance(outcome, PmoptError):
                         outcome = Outcome("failed", str(outcome))
                     self._keep(run, outcome)
-                    for line in missing_lines(read_manifest(self.run_folder(run))):
+                    manifest = read_manifest(self.run_folder(run)) or {}
+                    for line in manifest.get("resume_notes", []):
+                        notify(f"{run.name}: {line}")
+                    for line in missing_lines(manifest):
                         notify(f"warning: {run.name}: {line}")
                     if on_done is not None:
                         on_done(self.summary_of(run))

@@ -122,8 +122,13 @@ def _run(
         folder.reopen()
     optimisation = Optimisation(problem)
     generations = []
+
+    def note(line: str) -> None:
+        if checkpoint is not None:
+            checkpoint.note_designs(line, notify)
+
     try:
-        for generation in optimisation.generations(recorded):
+        for generation in optimisation.generations(recorded, note):
             if checkpoint is not None and not generation.recorded:
                 checkpoint.save(generation.number, generation.record)
             generations.append(generation)
@@ -156,8 +161,8 @@ def _run(
     tables["front"] = front_table(front)
     tables["regions"] = regions_table(front, config)
     if folder is not None:
-        resumes = checkpoint.resumes if checkpoint else []
-        write_run(folder, config, front, tables, resumes, problem.failures, notify)
+        notes = (checkpoint.resumes, checkpoint.notes) if checkpoint else ([], [])
+        write_run(folder, config, front, tables, notes, problem.failures, notify)
     for line in front.remarks():
         if notify:
             notify(line)
@@ -219,17 +224,18 @@ def write_run(
     config: RunConfig,
     front: Front,
     tables: dict[str, pd.DataFrame],
-    resumes: list[int],
+    taken_up: tuple[list[int], list[str]],
     failures: dict[str, int],
     notify: Notify | None = None,
 ) -> None:
-    """Write tables, pictures and the manifest."""
+    """Write tables, pictures and the manifest, with where and how the run was taken up."""
     document = {
         "mechanism": config.mechanism,
         "config": plain(config),
         "seed": config.algorithm.seed,
         "result": front.to_dict(),
-        "resumes": resumes,
+        "resumes": taken_up[0],
+        "resume_notes": taken_up[1],
         "failures": failures,
         "units": front.units,
     }

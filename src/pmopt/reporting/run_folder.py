@@ -11,7 +11,6 @@ import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -20,8 +19,8 @@ from pmopt.checkpoint import FOLDER, RUN
 from pmopt.errors import InputError, PmoptError
 from pmopt.files import mode_of, read_json, remove_leftovers, sha256, unwritable, write_new
 from pmopt.folder_lock import FolderLock
+from pmopt.installation import COMPUTING, versions
 from pmopt.swap import JOURNAL, LAST, NEXT, clear, is_unfinished, recover, swap
-from pmopt.version import __version__
 
 MANIFEST = "manifest.json"
 #: By which a search or a long workspace that was begun is known.
@@ -29,7 +28,7 @@ CHECKPOINT = f"{FOLDER}/{RUN}"
 #: Of a batch: what it is to hold, and the folder of its runs' folders.
 PLAN, RUNS = "batch.json", "runs"
 DEFAULT_ROOT = Path("outputs")
-_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pymoo", "moocore", "pandas", "matplotlib")
+_PACKAGES = (*COMPUTING, "pandas", "matplotlib")
 
 
 def default_folder(*names: str) -> Path:
@@ -211,7 +210,7 @@ class RunFolder:
         manifest = {
             "command": command,
             **document,
-            "versions": versions(),
+            "versions": versions(_PACKAGES),
             "git_commit": git_commit(),
             "platform": platform.platform(),
             "wall_time": time.monotonic() - self._began[0],
@@ -310,17 +309,6 @@ def _names_of(path: Path) -> list[str]:
     if (path / PLAN).is_file() and manifest.get("command", "batch") == "batch":
         names += [PLAN, RUNS]
     return [MANIFEST, *names]
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of pmopt, Python and the packages that compute."""
-    found = {"pmopt": __version__, "python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # pragma: no cover - all are dependencies
-            continue
-    return found
 
 
 def git_commit() -> str | None:

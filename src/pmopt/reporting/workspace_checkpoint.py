@@ -58,7 +58,7 @@ class WorkspaceCheckpoint(CheckpointFolder):
         InputError
             See :meth:`check`.
         """
-        self.check()
+        self.check(notify)
         found = Sums()
         for number in reversed(self.numbers()):
             reached = self.read(number, notify)

@@ -149,6 +149,7 @@ def _write(
             "config": task.to_dict(),
             "seed": task.seed,
             "resumes": checkpoint.resumes,
+            "resume_notes": checkpoint.notes,
             "units": result.units,
             **missing,
         },

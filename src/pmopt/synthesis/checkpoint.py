@@ -1,9 +1,10 @@
 """What a search has evaluated, on disk after every generation.
 
-Telling NSGA-II the recorded results again restores a run exactly (:mod:`pmopt.synthesis.optimise`),
-so that the evaluations are the whole checkpoint: those of each generation, and of the designs
-measured again after it where there were any. The state of the generator is recorded to see that it
-does. Each generation is one file of :mod:`pmopt.checkpoint`.
+Telling NSGA-II the recorded results again restores a run (:mod:`pmopt.synthesis.optimise`): those
+of each generation, and of the designs measured again after it where there were any. The states of
+the generator are recorded too, so that a run goes on from its record also where another processor
+or version would have asked for other designs. Each generation is one file of
+:mod:`pmopt.checkpoint`.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Checkpoint(CheckpointFolder):
         InputError
             See :meth:`check`.
         """
-        self.check()
+        self.check(notify)
         recorded: list[Record] = []
         for number in self.numbers():
             if number != len(recorded) + 1:
@@ -75,7 +76,11 @@ class Checkpoint(CheckpointFolder):
         """Record one generation, while the next one is computed: a disk takes its time."""
         parts = [record.evaluated] if record.again is None else [record.evaluated, record.again]
         table = Evaluations.join(parts).table()
-        facts = {"designs": len(record.evaluated), "generator": record.generator}
+        facts = {
+            "designs": len(record.evaluated),
+            "asked": record.asked,
+            "generator": record.generator,
+        }
         self.flush()
         self._writing = self._writer.submit(self.write, number, facts, table)
 
@@ -94,4 +99,5 @@ class Checkpoint(CheckpointFolder):
             Evaluations(*np.split(part, ends.tolist(), axis=1))
             for part in np.split(reached.table, [reached.facts["designs"]])
         )
-        return Record(evaluated, again if len(again) else None, reached.facts["generator"])
+        facts = reached.facts
+        return Record(evaluated, again if len(again) else None, facts["asked"], facts["generator"])

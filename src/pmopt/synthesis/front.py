@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.estimates import Estimates
 from pmopt.analysis.workspace import number
+from pmopt.numerics.matrices import decomposed
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.optimise import hypervolume
 from pmopt.synthesis.problem import DesignProblem
@@ -228,7 +229,7 @@ def idle_directions(
     # Objectives differ in unit and size: each is scaled to its steepest response.
     scale = np.abs(slopes).max(axis=(0, 1))
     rows = (slopes / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1).reshape(-1, count)
-    _, singular, basis = np.linalg.svd(rows, full_matrices=True)
+    _, singular, basis = (part[0] for part in decomposed(rows[None]))
     rank = int((singular > _CANDIDATE * singular[0]).sum())
     corners = itertools.product(*zip(problem.lower, problem.upper, strict=True))
     some = np.array(list(itertools.islice(corners, _CORNERS)))

@@ -1,8 +1,10 @@
 """NSGA-II (Deb et al. 2002) on arrays.
 
-The generator draws the same numbers in the same order as pymoo's ``NSGA2``, whose operators
-(``cross_sbx``, ``mut_pm``) it uses, and asks for the same designs. pymoo keeps every design as an
-object with attributes; reading and setting those took nine tenths of its time.
+The generator draws the same numbers in the same order as pymoo's ``NSGA2``, with its operators
+(:mod:`pmopt.synthesis.operators`), and asks for the same designs up to the last digits of powers.
+pymoo keeps every design as an object with attributes; reading and setting those took nine tenths of
+its time. Equal distances and violations are ordered by their place: NumPy's other sorts order them
+by what the processor's vector instructions do.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.synthesis.config import AlgorithmSettings
+from pmopt.synthesis.operators import crossed, mutated
 
 Array = NDArray[np.float64]
 
@@ -48,7 +51,7 @@ class Nsga2:
     def __init__(self, settings: AlgorithmSettings, lower: Array, upper: Array, seed: int) -> None:
         self.settings = settings
         self.lower, self.upper = lower, upper
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.Generator(np.random.PCG64(seed))
         self.variables = np.empty((0, len(lower)))
         self.objectives = self.excess = np.empty((0, 0))
         self._violation = self._crowding = np.empty(0)
@@ -57,6 +60,10 @@ class Nsga2:
     def generator(self) -> dict[str, Any]:
         """State of the random generator: whole numbers and names."""
         return dict(self._random.bit_generator.state)
+
+    @generator.setter
+    def generator(self, state: dict[str, Any]) -> None:
+        self._random.bit_generator.state = state
 
     def ask(self) -> Array:
         """Return the designs of the next generation, none where all would be known ones."""
@@ -106,7 +113,7 @@ class Nsga2:
         feasible, infeasible = np.flatnonzero(violation <= 0), np.flatnonzero(violation > 0)
         crowding = np.zeros(len(variables))
         kept = self._best(objectives, feasible, count, crowding) if len(feasible) else feasible
-        rest = infeasible[np.argsort(violation[infeasible])][: count - len(kept)]
+        rest = infeasible[np.argsort(violation[infeasible], kind="stable")][: count - len(kept)]
         rows = np.concatenate([kept, rest])
         self.variables, self.objectives = variables[rows], objectives[rows]
         self.excess = excess[rows]
@@ -128,7 +135,8 @@ class Nsga2:
             crowding[front] = distance
             if len(front) > room:  # ties are broken at random
                 mixed = self._random.permutation(len(front))
-                front = front[mixed[np.argsort(distance[mixed])][::-1][:room]]
+                order = np.argsort(distance[mixed], kind="stable")[::-1]
+                front = front[mixed[order][:room]]
             kept.append(front)
             room -= len(front)
             if room == 0:
@@ -137,9 +145,6 @@ class Nsga2:
 
     def _mate(self, count: int) -> Array:
         """Return offspring of tournament winners, at least ``count``, shape (2 M, v)."""
-        from pymoo.operators.crossover.sbx import cross_sbx
-        from pymoo.operators.mutation.pm import mut_pm
-
         random, settings = self._random, self.settings
         matings = math.ceil(count / 2)
         pairs = self._winners(2 * matings).reshape(matings, 2)
@@ -148,20 +153,24 @@ class Nsga2:
         crosses = random.random(matings) < settings.crossover_probability
         if crosses.any():
             random.random((matings, 1))  # pymoo draws whether children may be exchanged: always
-            full = np.full((matings, 1), settings.crossover_eta)
-            crossed = cross_sbx(
-                parents, self.lower, self.upper, full,
-                np.full_like(full, _CROSSED), np.full_like(full, _EXCHANGED), random_state=random,
-            )  # fmt: skip
-            children[:, crosses] = crossed[:, crosses]
+            born = crossed(
+                parents,
+                self.lower,
+                self.upper,
+                settings.crossover_eta,
+                _CROSSED,
+                _EXCHANGED,
+                random,
+            )
+            children[:, crosses] = born[:, crosses]
         children = children.reshape(-1, len(self.lower))
         size = len(children)
-        mutated = mut_pm(
-            children, self.lower, self.upper, np.full(size, settings.mutation_eta),
-            np.full(size, min(0.5, 1 / len(self.lower))), at_least_once=False, random_state=random,
+        moved = mutated(
+            children, self.lower, self.upper, settings.mutation_eta,
+            min(0.5, 1 / len(self.lower)), random,
         )  # fmt: skip
         mutates = random.random(size) <= _MUTATED
-        children[mutates] = mutated[mutates]
+        children[mutates] = moved[mutates]
         return children
 
     def _winners(self, count: int) -> NDArray[np.int64]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.errors import InfeasibleError, PmoptError
+from pmopt.errors import InfeasibleError
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.nsga2 import Nsga2
 from pmopt.synthesis.problem import MIN_LCI, REACHABLE, DesignProblem, Evaluations
@@ -44,12 +44,14 @@ class Record:
         The generation's designs.
     again : Evaluations or None
         Contenders on twice the samples, where the search went on with these.
-    generator : dict
-        State of the generator after it, as NumPy gives it: whole numbers and names.
+    asked, generator : dict
+        States of the generator after the designs were asked for and after the generation, as NumPy
+        gives them: whole numbers and names.
     """
 
     evaluated: Evaluations
     again: Evaluations | None
+    asked: dict[str, Any]
     generator: dict[str, Any]
 
 
@@ -162,7 +164,8 @@ class Optimisation:
     """A run of NSGA-II (Deb et al. 2002; :mod:`pmopt.synthesis.nsga2`).
 
     The designs of a generation follow from the seed and from what earlier generations were
-    told, so that telling recorded results again restores the run exactly.
+    told, so that telling recorded results again restores the run exactly. What is recorded stays as
+    it is where this installation would have asked for other designs; the search goes on from it.
 
     In an adaptive search all designs that are compared have the same number of samples: few
     while designs are far apart, twice as many, for the survivors too, when the front no longer
@@ -182,13 +185,16 @@ class Optimisation:
         #: Point the hypervolume is measured from.
         self.reference = reference_point(problem)
 
-    def generations(self, recorded: list[Record] | None = None) -> Iterator[Generation]:
+    def generations(
+        self, recorded: list[Record] | None = None, note: Callable[[str], None] | None = None
+    ) -> Iterator[Generation]:
         """Run, yielding after each generation; recorded ones are told without evaluation.
 
-        Raises
-        ------
-        PmoptError
-            When recorded designs are not those this installation asks for.
+        Parameters
+        ----------
+        recorded : list of Record, optional
+        note : callable, optional
+            Receives a line where recorded designs are not those that this installation asks for.
         """
         problem, settings = self.problem, self.problem.config.algorithm
         seed = int(seed_sequence(settings.seed, "nsga2").generate_state(1)[0])
@@ -199,10 +205,17 @@ class Optimisation:
         gains: list[float] = []  # best hypervolumes with this number of samples
         for number in range(1, settings.generations + 1):
             variables = algorithm.ask()
-            if len(variables) == 0:
-                return  # every offspring repeats a known design
             told = next(known, None)
-            evaluated = self._measured(number, variables, samples, told.evaluated if told else None)
+            if told is not None:
+                others = not np.array_equal(told.evaluated.variables, variables)
+                if note and (others or told.asked != algorithm.generator):
+                    note(_other_designs(number))
+                    note = None  # those that follow are others too
+                variables, algorithm.generator = told.evaluated.variables, told.asked
+            elif len(variables) == 0:
+                return  # every offspring repeats a known design
+            asked = algorithm.generator
+            evaluated = self._measured(variables, samples, told.evaluated if told else None)
             merged = evaluated
             if self._population is not None:
                 merged = Evaluations.join([self._population, evaluated])
@@ -216,10 +229,12 @@ class Optimisation:
             volume = hypervolume(front.values, problem.senses, self.reference)
             gains.append(max([volume, *gains[-1:]]))
             again, had = None, samples
-            if samples is not None and self._stalled(number, gains, front):
+            finer = self._stalled(number, gains, front) if told is None else told.again is not None
+            if samples is not None and finer:
                 samples *= 2
+                again = told.again if told else None
                 again = self._measured(
-                    number, self._contenders(), samples, told.again if told else None
+                    self._contenders() if again is None else again.variables, samples, again
                 )
                 self._population = again.take(
                     algorithm.replace(again.variables, self._minimised(again), -again.slack)
@@ -231,23 +246,23 @@ class Optimisation:
             best = np.full(len(problem.objectives), np.nan)
             if len(front):
                 best = (front.values * problem.senses).max(axis=0) * problem.senses
-            record = Record(evaluated, again, algorithm.generator)
-            if told is not None and told.generator != record.generator:
-                raise _other_installation(number)
+            if told is not None:
+                if note and told.generator != algorithm.generator:
+                    note(_other_designs(number))
+                    note = None
+                algorithm.generator = told.generator
+            record = Record(evaluated, again, asked, algorithm.generator)
             yield Generation(
                 number, evaluations, feasible, len(front), volume, tuple(best.tolist()),
                 had, record, told is not None,
             )  # fmt: skip
 
     def _measured(
-        self, number: int, variables: NDArray[np.float64], samples: int | None,
-        told: Evaluations | None,
-    ) -> Evaluations:  # fmt: skip
+        self, variables: NDArray[np.float64], samples: int | None, told: Evaluations | None
+    ) -> Evaluations:
         """Evaluate designs, or return what is recorded of them."""
         if told is None:
             return self.problem.evaluate(variables, samples)
-        if not np.array_equal(told.variables, variables):
-            raise _other_installation(number)
         self.problem.recall(told)
         return told
 
@@ -354,10 +369,10 @@ class Optimisation:
         return Evaluations.join(self._parts)
 
 
-def _other_installation(number: int) -> PmoptError:
-    return PmoptError(
-        f"checkpoint: the designs of generation {number} are not those of this "
-        "installation (another version of pymoo or NumPy?); start afresh with --force"
+def _other_designs(number: int) -> str:
+    return (
+        f"resumed from a record whose designs are not to the last digit those that this "
+        f"installation asks for, from generation {number} on: what is recorded is kept as it is"
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pmopt.errors import InputError
+from pmopt.inputs.examples import advice
 from pmopt.inputs.text import read_text
 
 MANIFEST = "manifest.json"
@@ -125,5 +126,5 @@ def missing(path: Path, names: Mapping[str, Any] | list[str], command: str) -> I
                     f"{path}: is a mechanism, pmopt {command} needs a configuration"
                     f"{f': pmopt init {name} writes one' if command == 'pareto' else ''}"
                 )
-        return InputError(f"{path}: no such file")
+        return InputError(f"{path}: no such file{advice(path)}")
     return InputError(f"{path}: {describe(path) or 'is no file of text'}; a TOML file is needed")

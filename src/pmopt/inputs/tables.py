@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pmopt.errors import InputError
+from pmopt.inputs.examples import advice
 from pmopt.inputs.text import read_text
 
 _SEPARATORS = (";", "\t", ",")
@@ -68,6 +69,8 @@ def read_table(path: Path, where: str, columns: Sequence[str] = ()) -> Table:
     """
     try:
         text = read_text(path, legacy=True)
+    except FileNotFoundError:
+        raise InputError(f"{where}: no such file{advice(path)}") from None
     except OSError as error:
         raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
     except ValueError as error:

@@ -15,6 +15,7 @@ from pmopt.errors import InputError
 from pmopt.inputs.examples import advice
 from pmopt.inputs.fields import Units, in_units
 from pmopt.inputs.identify import check_config, missing
+from pmopt.inputs.reading import check_nesting
 from pmopt.inputs.text import read_text
 from pmopt.mechanisms import names
 
@@ -49,6 +50,7 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
     """
     try:
         data = tomllib.loads(read_text(path))
+        check_nesting(data)
         str(data)  # Python refuses to print whole numbers of thousands of digits
     except FileNotFoundError:
         raise InputError(f"{where}: no such file{advice(path)}") from None

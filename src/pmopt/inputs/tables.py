@@ -19,7 +19,7 @@ from pmopt.inputs.text import read_text
 
 _SEPARATORS = (";", "\t", ",")
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma"}
-_HEAD = re.compile(r"\s*([^\[(/]*?)\s*(?:\[\s*(.*?)\s*\]|\(\s*(.*?)\s*\)|/\s*(.*?))?\s*")
+_HEAD = re.compile(r"([^\[(/]*)(?:\[(.*)\]|\((.*)\)|/(.*))?")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
 _DECIMAL_POINT = re.compile(r"\s*[+-]?\d*\.\d*(?:[eE][+-]?\d+)?\s*")
 
@@ -136,14 +136,15 @@ def _separator(header: str) -> str:
 
 def _head(cell: str, where: str, separator: str) -> tuple[str, str | None]:
     """Return name and unit of a column."""
-    match = _HEAD.fullmatch(cell)
-    name = match[1] if match else cell.strip()
-    if separator == "," and len(name.split()) > 1 and match and not any(match.groups()[1:]):
+    match = _HEAD.fullmatch(cell.strip())
+    parts = [(part or "").strip() for part in match.groups()] if match else [cell.strip()]
+    name, *rest = parts
+    unit = next((part for part in rest if part), None)
+    if separator == "," and len(name.split()) > 1 and match and unit is None:
         raise InputError(
             f"{where}: the header {cell.strip()!r} is one cell: columns are separated by comma, "
             "semicolon or tab"
         )
-    unit = next((u for u in match.groups()[1:] if u), None) if match else None
     return name, unit
 
 

@@ -323,7 +323,7 @@ USAGE = {
     ("nothing*.toml",): "nothing*.toml: no file matches",
     ("",): "CONFIG: '' is no name of a file",
     (".",): ".: is a folder; a quoted glob like './*.toml' is needed",
-    ("missing.toml",): "missing.toml: can not read: No such file or directory",
+    ("missing.toml",): "missing.toml: no such file",
     ("a.toml", "--shard", "6/5"): "--shard: '6/5' is not allowed: K/N with 1 <= K <= N, e.g. 2/5",
     ("a.toml", "--shard", "0/5"): "--shard: '0/5' is not allowed: K/N with 1 <= K <= N, e.g. 2/5",
     ("a.toml", "--resume"): "--resume needs --out, the folder of the run",

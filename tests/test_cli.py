@@ -743,7 +743,7 @@ BAD = [
     (f"{IK} --quite", ("--quite", "--quiet")),
     (f"ik {MECH}", ("--pose", "--poses")),
     (f"{IK} --poses a.csv", ("--pose", "--poses")),
-    (f"ik {MECH} --poses no.csv", ("--poses", "no.csv", "No such file")),
+    (f"ik {MECH} --poses no.csv", ("--poses", "no.csv", "no such file")),
     (f"ik {MECH} --pose x=0,y=0", ("--pose", "z is missing", "x, y, z")),
     (f"ik {MECH} --pose x=0,y=0,z=1,w=2", ("--pose", "'w'", "x, y, z", "nearest: z")),
     (f"ik {MECH} --pose x=0,y=0,z=1,z=1", ("--pose", "z", "twice")),

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import os
 import secrets
 import stat
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from pmopt.errors import PmoptError
+from pmopt.inputs.reading import LARGEST as LARGEST
+from pmopt.inputs.reading import read_file as read_file
+from pmopt.inputs.reading import read_json as read_json
 
 #: Ending of temporary names; what a killed run leaves of them is known by it.
 _TEMPORARY = ".pmopt-tmp"
 #: Bytes of a name before that ending: file systems take 255.
 _LONGEST = 200
-#: Largest file that is read whole, in bytes.
-LARGEST = 1 << 28
-#: Deepest nesting of JSON that is taken for one of our files.
-_DEEPEST = 64
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -118,56 +115,6 @@ def write_atomic(path: Path, data: bytes | str) -> None:
     PmoptError
     """
     put(stage(path, data), path)
-
-
-def read_file(path: Path, largest: int = LARGEST) -> bytes:
-    """Return the content of a file; a pipe or a device is none, and is never waited for.
-
-    Raises
-    ------
-    OSError
-        Also for what is no regular file, or larger than ``largest`` bytes.
-    """
-    # A pipe without a writer would keep a plain open waiting for good.
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(handle, "rb") as stream:
-        found = os.fstat(handle)
-        if not stat.S_ISREG(found.st_mode):
-            raise OSError(f"{path}: is no file")
-        if found.st_size > largest:
-            raise OSError(f"{path}: is larger than {largest} bytes")
-        return stream.read(largest + 1)
-
-
-def read_json(path: Path) -> Any:
-    """Return the content of a JSON file as pmopt writes them.
-
-    Raises
-    ------
-    OSError
-        See :func:`read_file`.
-    ValueError
-        For what is no JSON, has NaN or infinity in it, or is nested deeper than any file of pmopt.
-    """
-    try:
-        document = json.loads(read_file(path).decode("utf-8"), parse_constant=_refuse)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
-    level: list[Any] = [document]
-    for _ in range(_DEEPEST):
-        level = [
-            item
-            for value in level
-            if isinstance(value, dict | list)
-            for item in (value.values() if isinstance(value, dict) else value)
-        ]
-        if not level:
-            return document
-    raise ValueError("nested too deeply")
-
-
-def _refuse(name: str) -> None:
-    raise ValueError(f"{name} is no JSON")
 
 
 def unwritable(path: Path, error: OSError) -> PmoptError:

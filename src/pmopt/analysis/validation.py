@@ -12,8 +12,10 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from pmopt.errors import InputError
+from pmopt.inputs.examples import advice
 from pmopt.inputs.fields import Units, in_units
 from pmopt.inputs.identify import check_config, missing
+from pmopt.inputs.reading import check_nesting
 from pmopt.inputs.text import read_text
 from pmopt.mechanisms import names
 
@@ -48,7 +50,10 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
     """
     try:
         data = tomllib.loads(read_text(path))
+        check_nesting(data)
         str(data)  # Python refuses to print whole numbers of thousands of digits
+    except FileNotFoundError:
+        raise InputError(f"{where}: no such file{advice(path)}") from None
     except OSError as error:
         raise InputError(f"{where}: can not read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 import tomllib
@@ -11,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from pmopt.errors import InputError
+from pmopt.inputs.examples import advice
+from pmopt.inputs.reading import read_json
 from pmopt.inputs.text import read_text
 
 MANIFEST = "manifest.json"
@@ -83,8 +84,8 @@ def _describe_folder(path: Path) -> str:
 
 def _describe_run(manifest: Path) -> str:
     try:
-        document = json.loads(manifest.read_bytes()) if manifest.stat().st_size <= _MOST else {}
-    except (OSError, ValueError, RecursionError):
+        document = read_json(manifest)
+    except (OSError, ValueError):
         document = {}
     command = document.get("command") if isinstance(document, dict) else None
     if not isinstance(command, str):
@@ -125,5 +126,5 @@ def missing(path: Path, names: Mapping[str, Any] | list[str], command: str) -> I
                     f"{path}: is a mechanism, pmopt {command} needs a configuration"
                     f"{f': pmopt init {name} writes one' if command == 'pareto' else ''}"
                 )
-        return InputError(f"{path}: no such file")
+        return InputError(f"{path}: no such file{advice(path)}")
     return InputError(f"{path}: {describe(path) or 'is no file of text'}; a TOML file is needed")

@@ -110,7 +110,7 @@ _ALIASES = {
     "sec": "s", "inch": "in", "1/min": "rpm",
 }  # fmt: skip
 
-_NUMBER = r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = r"[+-]?(?:\d[\d_]*(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
 _FACTOR = re.compile(r"([*/·⋅ ]?)\s*([^\W\d_]+|[°º%]|1)(?:(?:\^|\*\*)([+-]?\d)|(\d))?(?![\d^])\s*")
 _SUPERSCRIPT = re.compile("[⁻¹²³⁴]+")

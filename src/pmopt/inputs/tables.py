@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pmopt.errors import InputError
+from pmopt.inputs.examples import advice
 from pmopt.inputs.text import read_text
 
 _SEPARATORS = (";", "\t", ",")
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma"}
-_HEAD = re.compile(r"\s*([^\[(/]*?)\s*(?:\[\s*(.*?)\s*\]|\(\s*(.*?)\s*\)|/\s*(.*?))?\s*")
+_HEAD = re.compile(r"([^\[(/]*)(?:\[(.*)\]|\((.*)\)|/(.*))?")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
 _DECIMAL_POINT = re.compile(r"\s*[+-]?\d*\.\d*(?:[eE][+-]?\d+)?\s*")
 
@@ -68,6 +69,8 @@ def read_table(path: Path, where: str, columns: Sequence[str] = ()) -> Table:
     """
     try:
         text = read_text(path, legacy=True)
+    except FileNotFoundError:
+        raise InputError(f"{where}: no such file{advice(path)}") from None
     except OSError as error:
         raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
     except ValueError as error:
@@ -133,14 +136,15 @@ def _separator(header: str) -> str:
 
 def _head(cell: str, where: str, separator: str) -> tuple[str, str | None]:
     """Return name and unit of a column."""
-    match = _HEAD.fullmatch(cell)
-    name = match[1] if match else cell.strip()
-    if separator == "," and len(name.split()) > 1 and match and not any(match.groups()[1:]):
+    match = _HEAD.fullmatch(cell.strip())
+    parts = [(part or "").strip() for part in match.groups()] if match else [cell.strip()]
+    name, *rest = parts
+    unit = next((part for part in rest if part), None)
+    if separator == "," and len(name.split()) > 1 and match and unit is None:
         raise InputError(
             f"{where}: the header {cell.strip()!r} is one cell: columns are separated by comma, "
             "semicolon or tab"
         )
-    unit = next((u for u in match.groups()[1:] if u), None) if match else None
     return name, unit
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import codecs
 from pathlib import Path
 
+from pmopt.inputs.reading import read_given
+
 #: Byte-order marks; the longer ones first, since that of UTF-32 begins with that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -32,6 +34,8 @@ def decode(data: bytes, *, legacy: bool = False) -> str:
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             return data[len(mark) :].decode(encoding)
+    if data.startswith(b"\0\0\0\0"):  # before gigabytes of them are made a text
+        raise ValueError("it holds zero bytes, which no text has")
     # Without a mark every second byte of Latin text in UTF-16 is zero; UTF-8 has no zeros.
     if b"\0" in data[:2]:
         text = data.decode("utf-16-be" if data[0] == 0 else "utf-16-le")
@@ -53,5 +57,6 @@ def read_text(path: Path, *, legacy: bool = False) -> str:
     Raises
     ------
     OSError, ValueError
+        See :func:`pmopt.inputs.reading.read_given`.
     """
-    return decode(path.read_bytes(), legacy=legacy)
+    return decode(read_given(path), legacy=legacy)

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.validation import read_toml
 from pmopt.errors import InputError, InputErrors
+from pmopt.inputs.examples import advice_for_pattern
 from pmopt.inputs.identify import describe
 from pmopt.inputs.overrides import (
     SET,
@@ -120,7 +121,7 @@ def find_configs(patterns: Sequence[str]) -> list[str]:
         if not os.path.exists(pattern) and glob.has_magic(pattern):
             matches = sorted(m for m in glob.glob(pattern, recursive=True) if os.path.isfile(m))
             if not matches:
-                lines.append(f"{pattern}: no file matches")
+                lines.append(f"{pattern}: no file matches{advice_for_pattern(pattern)}")
         for match in matches:
             if not match:
                 lines.append("CONFIG: '' is no name of a file")

@@ -16,6 +16,7 @@ from typing import Any
 
 from pmopt.analysis.validation import read_toml
 from pmopt.errors import InputError, unknown_name
+from pmopt.inputs.examples import advice
 from pmopt.inputs.tables import Table, read_table
 from pmopt.mechanisms import Mechanism, find
 from pmopt.reporting.run_folder import MANIFEST
@@ -53,7 +54,7 @@ def read_design(reference: str, mechanism: Mechanism, where: str) -> Design:
     """
     path, chosen = _split(reference)
     if not os.path.exists(path):  # also where the name is too long for one
-        raise InputError(f"{where}: no such file or folder")
+        raise InputError(f"{where}: no such file or folder{advice(path)}")
     if path.is_dir():
         found = _of_run(path, chosen, mechanism, where)
     elif path.suffix.lower() == ".csv":

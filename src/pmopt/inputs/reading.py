@@ -1,0 +1,150 @@
+"""Files are read only where they are files of a sensible size, and JSON of a sensible depth."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import stat
+import time
+from pathlib import Path
+from typing import Any
+
+#: Largest file that is read whole, in bytes.
+LARGEST = 1 << 28
+#: Deepest nesting that is taken for one of our files, or a person's.
+DEEPEST = 64
+#: Largest whole number in one of our files.
+_LARGEST_WHOLE = 1 << 64
+#: Seconds within which a pipe must have a writer, and bytes that are asked for at once.
+_WAIT, _CHUNK = 1.0, 1 << 20
+
+
+def read_file(path: Path, largest: int = LARGEST) -> bytes:
+    """Return the content of a file; a pipe or a device is none, and is never waited for.
+
+    Raises
+    ------
+    OSError
+        Also for what is no regular file, or larger than ``largest`` bytes.
+    """
+    return _read(path, largest, pipes=False)
+
+
+def read_given(path: Path, largest: int = LARGEST) -> bytes:
+    """Return the content of a file that a person names: also of a pipe that something writes to.
+
+    Raises
+    ------
+    OSError
+        See :func:`read_file`.
+    """
+    return _read(path, largest, pipes=True)
+
+
+def _read(path: Path, largest: int, pipes: bool) -> bytes:
+    # A pipe without a writer would keep a plain open waiting for good.
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(handle, "rb") as stream:
+        found = os.fstat(handle)
+        if pipes and stat.S_ISFIFO(found.st_mode):
+            return _drained(handle, path, largest)
+        if not stat.S_ISREG(found.st_mode):
+            raise _refused(path, "is no file")
+        if found.st_size > largest:
+            raise _refused(path, f"is larger than {largest} bytes")
+        return stream.read(largest + 1)
+
+
+def _drained(handle: int, path: Path, largest: int) -> bytes:
+    """Return all that is written to a pipe."""
+    parts: list[bytes] = []
+    size = 0
+    began = time.monotonic()
+    while True:
+        try:
+            part = os.read(handle, _CHUNK)
+        except BlockingIOError:  # it has a writer, who has not written yet
+            select.select([handle], [], [])
+            continue
+        if part:
+            parts.append(part)
+            size += len(part)
+            if size > largest:
+                raise _refused(path, f"gives more than {largest} bytes")
+        elif parts:
+            return b"".join(parts)
+        elif time.monotonic() - began > _WAIT:
+            raise _refused(path, "is a pipe that nothing writes to")
+        else:
+            time.sleep(_WAIT / 100)
+
+
+def _refused(path: Path, why: str) -> OSError:
+    error = OSError(f"{path}: {why}")
+    error.strerror = why
+    return error
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file as pmopt writes them.
+
+    Raises
+    ------
+    OSError
+        See :func:`read_file`.
+    ValueError
+        For what :func:`parse_json` refuses.
+    """
+    return parse_json(read_file(path).decode("utf-8"))
+
+
+def parse_json(text: str) -> Any:
+    """Return what a text of JSON holds.
+
+    Raises
+    ------
+    ValueError
+        For what is no JSON, has NaN, infinity or a number without end in it, or is nested deeper
+        than any file of pmopt.
+    """
+    try:
+        document = json.loads(text, parse_constant=_refuse)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    for value in check_nesting(document):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError("a number is beyond what a double holds")
+        if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
+            raise ValueError("a whole number is too large")
+    return document
+
+
+def check_nesting(document: Any) -> list[Any]:
+    """Return all that tables and lists within each other hold beside tables and lists.
+
+    Raises
+    ------
+    ValueError
+        Where they are nested more than :data:`DEEPEST` deep.
+    """
+    leaves: list[Any] = []
+    level: list[Any] = [document]
+    for _ in range(DEEPEST):
+        below: list[Any] = []
+        for value in level:
+            if isinstance(value, dict):
+                below += value.values()
+            elif isinstance(value, list):
+                below += value
+            else:
+                leaves.append(value)
+        if not below:
+            return leaves
+        level = below
+    raise ValueError("nested too deeply")
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")

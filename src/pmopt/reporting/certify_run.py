@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,24 @@ from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Table, to_csv, to_json
 from pmopt.units import span_text
 
+#: Of a claim, where no budget is given.
+DEFAULT_SECONDS = 30.0
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """What a proof may spend: seconds of work, boxes examined, either or none."""
+
+    time_budget: float | None = None
+    box_budget: int | None = None
+
 
 def run_volume(
     mechanism: Mechanism,
     parameters: Parameters,
     settings: WorkspaceSettings,
     gap: float,
-    time_budget: float | None,
+    budgets: Budgets,
     out: Path | None = None,
     *,
     force: bool = False,
@@ -36,11 +48,11 @@ def run_volume(
     """Enclose a workspace's volume and, with ``out``, write the run's folder."""
     with claimed(out, force) as folder:
         result = certify_volume(
-            mechanism, parameters, settings, gap=gap, time_budget=time_budget, progress=progress,
-            notify=notify,
+            mechanism, parameters, settings, gap=gap, progress=progress, notify=notify,
+            **asdict(budgets),
         )  # fmt: skip
         if folder is not None:
-            config = {"certify": gap, "time_budget": time_budget}
+            config = {"certify": gap, **asdict(budgets)}
             _write(folder, result.to_dict(), volume_tables(result), settings, config)
         return result
 
@@ -49,7 +61,7 @@ def run_claim(
     mechanism: Mechanism,
     parameters: Parameters,
     settings: WorkspaceSettings,
-    time_budget: float,
+    budgets: Budgets,
     out: Path | None = None,
     *,
     force: bool = False,
@@ -57,12 +69,9 @@ def run_claim(
 ) -> Claim:
     """Decide a claim and, with ``out``, write the run's folder."""
     with claimed(out, force) as folder:
-        result = certify_claim(
-            mechanism, parameters, settings, time_budget=time_budget, notify=notify
-        )
+        result = certify_claim(mechanism, parameters, settings, notify=notify, **asdict(budgets))
         if folder is not None:
-            _write(folder, result.to_dict(), claim_tables(result), settings,
-                   {"time_budget": time_budget})  # fmt: skip
+            _write(folder, result.to_dict(), claim_tables(result), settings, asdict(budgets))
         return result
 
 

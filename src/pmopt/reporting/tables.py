@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from pmopt.analysis.kinematics import OutOfReach
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.reporting.table import Cell, Table, shown, with_error
 from pmopt.units import ONE, exact, span_text
 
 if TYPE_CHECKING:
     from pmopt.analysis.extremes import Extreme
-    from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult
+    from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult, Jacobians
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.mechanisms import Mechanism
     from pmopt.reporting.pareto_run import ParetoRun
@@ -140,7 +141,9 @@ def mechanism_tables(m: Mechanism) -> list[Table]:
     ]  # fmt: skip
 
 
-def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
+def inverse_table(
+    results: Sequence[InverseResult], many: bool = False, number_from: int = 1
+) -> Table:
     """Return branches, a row each; of ``many`` poses each is numbered and repeated."""
     first = results[0]
     # Joints and parasitic coordinates; what is a pose coordinate too stands once.
@@ -152,7 +155,7 @@ def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table
                "beyond")  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     display: list[tuple[Cell, ...]] = []
-    for number, result in enumerate(results, start=1):
+    for number, result in enumerate(results, start=number_from):
         head = [number, *result.pose.values()] if poses else []
         branches: list[list[Cell]] = [
             [
@@ -173,7 +176,9 @@ def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table
     return Table(title, columns, tuple(rows), first.units, (), tuple(display))
 
 
-def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table:
+def forward_table(
+    results: Sequence[ForwardResult], many: bool = False, number_from: int = 1
+) -> Table:
     """Return assembly modes, a row each; of ``many`` joint positions each is numbered."""
     first = results[0]
     poses = [c for c in first.units if c not in first.joints and c != "residual"]
@@ -182,7 +187,7 @@ def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table
     joints = list(first.joints) if many else []
     columns = (*(["row"] if joints else []), *joints, *poses, "residual", "complete")
     rows: list[tuple[Cell, ...]] = []
-    for number, result in enumerate(results, start=1):
+    for number, result in enumerate(results, start=number_from):
         head = [number, *result.joints.values()] if joints else []
         modes: list[list[Cell]] = [
             [*({**s.pose, **s.parasitic}.get(c) for c in poses), s.residual, result.complete]
@@ -227,6 +232,74 @@ def jacobian_tables(result: JacobianResult) -> list[Table]:
             body = tuple(tuple(row) for row in matrix.tolist())
             tables.append(Table(f"{name} ({result.units[name]})", columns, body, {}))
     return tables
+
+
+def jacobians_table(
+    results: Sequence[JacobianResult | OutOfReach], asked: Jacobians, number_from: int = 1
+) -> Table:
+    """Return the Jacobian's indices and measures at many poses, a row each.
+
+    What is out of reach has a row without them.
+    """
+    mechanism, unit = asked.mechanism, asked.units["characteristic_length"]
+    at_home = _jacobian_columns(asked.reference)
+    known = [k for k, value in at_home.items() if value is not None or k == "singularities"]
+    values = asked.units["singular_values"].split(",")[0]
+    units = {c.name: asked.units[c.name] for c in mechanism.pose}
+    units |= {
+        name: unit if name.startswith(("characteristic", "distance")) else
+        values if name.startswith("singular_value_") else ONE
+        for name in known
+    }  # fmt: skip
+    rows = []
+    for number, one in enumerate(results, start=number_from):
+        found = {} if isinstance(one, OutOfReach) else _jacobian_columns(one)
+        rows.append((number, *one.pose.values(), *(found.get(name) for name in known)))
+    return Table(
+        f"{mechanism.name}, {asked.mode}, {len(results)} poses",
+        ("row", *units), tuple(rows), units,
+    )  # fmt: skip
+
+
+def _jacobian_columns(result: JacobianResult) -> dict[str, Cell]:
+    """Return the figures of one pose by the names of their columns."""
+    values = result.singular_values
+    size = len(result.j_x)
+
+    def named(start: str, measures: Mapping[str, float]) -> dict[str, Cell]:
+        return {f"{start}_{name.replace(' ', '_')}": value for name, value in measures.items()}
+
+    return {
+        "lci": result.lci,
+        "lci_raw": result.lci_raw,
+        "lci_homogenized": result.lci_homogenized,
+        "lci_translational": result.lci_translational,
+        "lci_rotational": result.lci_rotational,
+        "characteristic_length": result.characteristic_length,
+        **{f"singular_value_{k + 1}": None if values is None else float(values[k])
+           for k in range(size)},
+        **named("distance_type_1", result.inverse_distance),
+        **named("determinant_type_1", result.inverse_measure),
+        **named("determinant_type_2", result.forward_measure),
+        **named("determinant_constraint", result.constraint_measure),
+        "singular": bool(result.singular),
+        "singularities": "; ".join(result.singular) or None,
+    }  # fmt: skip
+
+
+def jacobian_document(result: JacobianResult | OutOfReach, asked: Jacobians) -> dict[str, Any]:
+    """Return the JSON form of one of many poses; out of reach with the reason and no figures."""
+    if not isinstance(result, OutOfReach):
+        return result.to_dict()
+    none = ("joints", "J_X", "J_q", "J", "singular_values", "lci", "lci_raw", "lci_homogenized")
+    return {
+        "mechanism": asked.mechanism.name,
+        "pose": result.pose,
+        "working_mode": asked.mode,
+        **dict.fromkeys(none),
+        "out_of_reach": str(result.error()),
+        "units": asked.units,
+    }
 
 
 #: Quantities of the workspace table that are measured on voxels.

@@ -481,22 +481,29 @@ def _assemble(
     """Return the motion in the mechanism's unit, NaN where it is not told."""
     unit, mechanism = mover.unit, mover.mechanism
 
+    lost = ~told
+
     def masked(values: Values) -> Values:
-        shape = (-1,) + (1,) * (values.ndim - 1)
-        result: Values = np.where(told.reshape(shape), values, np.nan)
-        return result
+        """Return an array of this motion's own with NaN where nothing is told, in its place.
+
+        Of a long motion there is no room for second copies.
+        """
+        values[lost] = np.nan
+        return values
 
     def course(plain: Course) -> Course:
         orders = (plain.values, plain.rates, plain.accelerations)
         return Course(tuple(plain.coordinates), *map(masked, orders))
 
     has = bool(bodies)
+    given = pose.values, pose.rates, pose.accelerations
+    centres = masked(np.divide(state.centres, unit, out=state.centres))
     return Motion(
         mechanism=mechanism.name,
         params=dict(parameters),
         working_mode=mode,
         t=t,
-        pose=course(pose),
+        pose=course(Course(pose.coordinates, *(v.copy() for v in given))),
         parasitic=course(courses["parasitic"]),
         joints=course(courses["joints"]),
         passive=course(courses["passive"]),
@@ -504,9 +511,7 @@ def _assemble(
         power=masked(state.efforts * state.joint_rates) if has else None,
         kinetic=masked(state.kinetic) if has else None,
         potential=masked(state.potential) if has else None,
-        centres={
-            body.name: masked(state.centres[:, k] / unit) for k, body in enumerate(bodies)
-        },
+        centres={body.name: centres[:, k] for k, body in enumerate(bodies)},
         angular=masked(angular_motion(state.platform)),
         infeasible=spans,
         singular=singular,

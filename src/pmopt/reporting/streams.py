@@ -34,6 +34,13 @@ def form_of(path: Path, where: str) -> str:
     return _FORMS[path.suffix.lower()]
 
 
+def csv_pieces(tables: Iterable[Table]) -> Iterator[str]:
+    """Yield the text of a CSV file of tables that follow each other, under one header."""
+    for number, table in enumerate(tables):
+        text = to_csv([table]) + "\n"
+        yield text.partition("\n")[2] if number else text
+
+
 class Stream(Generic[Result]):
     """Results in blocks, each computed when it is asked for.
 

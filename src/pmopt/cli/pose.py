@@ -150,8 +150,9 @@ def ik_command(
             yield results
 
     stream = Stream(
-        solved(), lambda some, first: tables.inverse_table(some, True, first), InverseResult.to_dict
-    )
+        solved(), lambda some, first: tables.inverse_table(some, True, first),
+        InverseResult.to_dict, lambda one: max(len(one.solutions), 1),
+    )  # fmt: skip
     _emit(stream, form, f"{mechanism.name}, {{count}} poses", out, quiet)
     misses.settle()
 
@@ -212,8 +213,9 @@ def fk_command(
             yield results
 
     stream = Stream(
-        solved(), lambda some, first: tables.forward_table(some, True, first), ForwardResult.to_dict
-    )
+        solved(), lambda some, first: tables.forward_table(some, True, first),
+        ForwardResult.to_dict, lambda one: max(len(one.solutions), 1),
+    )  # fmt: skip
     _emit(stream, form, f"{mechanism.name}, {{count}} rows", out, quiet)
     misses.settle()
 

@@ -51,6 +51,8 @@ class Stream(Generic[Result]):
         ``table(results, first)`` returns some results as a table, the number of the first given.
     document : callable
         Returns the JSON form of a result.
+    rows : callable, optional
+        Returns the number of rows that a result has in a table, if not one.
     """
 
     def __init__(
@@ -58,8 +60,9 @@ class Stream(Generic[Result]):
         blocks: Iterable[list[Result]],
         table: Callable[[list[Result], int], Table],
         document: Callable[[Result], Any],
+        rows: Callable[[Result], int] = lambda result: 1,
     ) -> None:
-        self._blocks, self._table, self._document = blocks, table, document
+        self._blocks, self._table, self._document, self._rows = blocks, table, document, rows
 
     def pieces(self, form: str) -> Iterator[tuple[list[Result], str]]:
         """Yield blocks and their text in a form, ``csv`` or ``json``; the texts are one file."""
@@ -80,7 +83,7 @@ class Stream(Generic[Result]):
 
         The file is in its place once all are, whole or not at all.
         """
-        return Stream(_written(self, path, form), self._table, self._document)
+        return Stream(_written(self, path, form), self._table, self._document, self._rows)
 
     def head(self, title: str, more: str) -> Table:
         """Take all results and return the first rows as a table.
@@ -95,15 +98,15 @@ class Stream(Generic[Result]):
         first: Table | None = None
         rows = count = 0
         for block in self._blocks:
-            table = self._table(block, count + 1)
-            count += len(block)
-            rows += len(table.rows)
             if first is None:
-                first = table
+                first = self._table(block, 1)
             elif len(first.rows) < SHOWN:
+                table = self._table(block, count + 1)
                 first = replace(
                     first, rows=first.rows + table.rows, display=first.display + table.display
                 )
+            count += len(block)
+            rows += sum(map(self._rows, block))
         assert first is not None  # a file without rows is refused
         left = rows - SHOWN
         notes = first.notes if left <= 0 else (*first.notes, f"... {left:,} more rows: {more}")

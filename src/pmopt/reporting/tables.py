@@ -273,6 +273,7 @@ def _jacobian_columns(result: JacobianResult) -> dict[str, Cell]:
         "lci": result.lci,
         "lci_raw": result.lci_raw,
         "lci_homogenized": result.lci_homogenized,
+        "singular": bool(result.singular),
         "lci_translational": result.lci_translational,
         "lci_rotational": result.lci_rotational,
         "characteristic_length": result.characteristic_length,
@@ -282,7 +283,6 @@ def _jacobian_columns(result: JacobianResult) -> dict[str, Cell]:
         **named("determinant_type_1", result.inverse_measure),
         **named("determinant_type_2", result.forward_measure),
         **named("determinant_constraint", result.constraint_measure),
-        "singular": bool(result.singular),
         "singularities": "; ".join(result.singular) or None,
     }  # fmt: skip
 

@@ -56,7 +56,8 @@ class State:
     kinetic, potential : (N,)
         J.
     centres : (N, B, 3, 3)
-        Position, velocity and acceleration of the centre of mass of every body.
+        Position, velocity and acceleration of the centre of mass of every body. Empty where they
+        are not asked for.
     mass_matrix : (N, n, n)
         By pose coordinates: kinetic energy is X' M X' / 2. Empty where it is not asked for.
     inverse_jacobian : (N, n, n)
@@ -232,12 +233,13 @@ class Mover:
         return np.array([self.unit if c.kind == "length" else 1.0 for c in coordinates])
 
     def state(
-        self, poses: Values, rates: Values, accelerations: Values, masses: bool = False
-    ) -> State:
+        self, poses: Values, rates: Values, accelerations: Values, masses: bool = False,
+        centres: bool = True,
+    ) -> State:  # fmt: skip
         """Return what holds at poses (N, n) with these rates and accelerations, mechanism's units.
 
-        There is a ``mass_matrix`` only with ``masses``. Poses have to be reachable; what is not
-        told is NaN.
+        There is a ``mass_matrix`` only with ``masses``, and there are no centres without
+        ``centres``. Poses have to be reachable; what is not told is NaN.
         """
         mechanism = self.mechanism
         n, columns, count = len(mechanism.joints), self._columns, len(poses)
@@ -250,7 +252,8 @@ class Mover:
         platform = np.empty((count, 3, 6))
         efforts = np.empty((count, n))
         energies = np.empty((count, 2))
-        centres = np.empty((count, len(self.bodies), 9))
+        bodies = len(self.bodies)
+        middles = np.empty((count if centres else 0, bodies, 9))
         # Nothing is read of matrices that are not asked for.
         matrix = np.full((count, n, n), np.nan) if masses else np.empty((0, n, n))
         inverse = np.empty((count, n, n))
@@ -264,7 +267,8 @@ class Mover:
                 poses[part], scaled[0][part], scaled[1][part], self._constants, self.unit,
                 self.gravity, self._joints, self._limbs, self._roles, self._drives, self._bodies,
                 self._masses, int(masses), stance, platform[part], moved,
-                efforts[part], energies[part], centres[part],
+                efforts[part], energies[part],
+                middles[part] if centres else np.empty((size, bodies, 9)),
                 matrix[part] if masses else np.empty((size, n, n)), inverse[part],
                 valid[part],
                 *dynamics.scratch(len(self._joints), columns, len(self._limbs), n),
@@ -291,7 +295,7 @@ class Mover:
             efforts=efforts,
             kinetic=energies[:, 0],
             potential=energies[:, 1],
-            centres=centres.reshape(count, len(self.bodies), 3, 3),
+            centres=middles.reshape(len(middles), bodies, 3, 3),
             mass_matrix=matrix,
             inverse_jacobian=inverse,
             valid=valid.astype(bool),

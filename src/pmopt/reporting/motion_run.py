@@ -275,9 +275,10 @@ def centres_table(run: MotionRun, part: slice) -> Table | None:
     unit = run.task.mechanism.length_unit
     units = {"t": "s"}
     parts = [run.motion.t[part, None]]
+    found = centres.part(part)
     for order, ending in enumerate(("", "_rate", "_acceleration")):
-        for name, values in centres.items():
-            parts.append(values[part, order])
+        for k, name in enumerate(centres):
+            parts.append(found[:, k, order])
             told = per_second(unit, order) if order else unit
             units |= {f"{name.replace(' ', '_')}_{axis}{ending}": told for axis in "xyz"}
     rows = np.concatenate(parts, axis=1).tolist()

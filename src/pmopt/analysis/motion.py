@@ -286,14 +286,24 @@ def compute_motion(
         spans += singular
     pose = Course(mechanism.pose, poses, rates, accelerations)
     courses = _Courses(mover, trajectory, pose, state, told)
+    angular = np.concatenate([
+        angular_motion(state.platform[k : k + _ROWS]) for k in range(0, len(poses), _ROWS)
+    ])  # fmt: skip
+    # What has had its use makes room.
+    none = np.empty(0)
+    state = replace(
+        state, platform=none, inverse_jacobian=none, passive_rates=none, passive_accelerations=none,
+        joint_accelerations=none,
+    )  # fmt: skip
     turned, beyond = courses.limited(design.limits)
+    del courses
     spans += beyond
     for span in beyond:
         told[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
     motion = _assemble(
-        parameters, mode, trajectory.t, pose, turned, state, told, massive, mover, tuple(spans),
-        tuple(singular),
+        parameters, mode, trajectory.t, pose, turned, state, angular, told, massive, mover,
+        tuple(spans), tuple(singular),
     )  # fmt: skip
     if motion.effort is None or spans:
         return motion
@@ -519,6 +529,7 @@ def _assemble(
     pose: Course,
     courses: Mapping[str, Course],
     state: State,
+    angular: Values,
     told: NDArray[np.bool_],
     bodies: tuple[Body, ...],
     mover: Mover,
@@ -558,9 +569,7 @@ def _assemble(
         kinetic=masked(state.kinetic) if has else None,
         potential=masked(state.potential) if has else None,
         centres=Centres(mover, known, tuple(body.name for body in bodies)),
-        angular=masked(np.concatenate([
-            angular_motion(state.platform[k : k + _ROWS]) for k in range(0, len(t), _ROWS)
-        ])),
+        angular=masked(angular),
         infeasible=spans,
         singular=singular,
     )  # fmt: skip

@@ -25,6 +25,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -775,8 +776,7 @@ class Cur(Mechanism):
         """Return the limbs, x, y, alpha and the largest gap over L, of one working mode."""
         ra, rb, length, _ = _sizes(parameters)
         beta, gamma = pose["beta"], pose["gamma"]
-        with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
-            px, py, c, s, *turns, gap = cur_solve(beta, gamma, ra / length, rb / length, *signs)
+        px, py, c, s, *turns, gap = _solved(beta, gamma, ra / length, rb / length, signs)
         alpha = math.atan2(s, c)
         rotation = rotation_matrices(np.array([[alpha, beta, gamma]]))[0][0]
         links = []
@@ -1000,6 +1000,16 @@ class Cur(Mechanism):
 
 _Z = np.array([0.0, 0.0, 1.0])
 _AZIMUTHS = ((1.0, 0.0), (CUR_C2, CUR_S2), (CUR_C2, -CUR_S2))
+
+
+@lru_cache(maxsize=64)
+def _solved(
+    beta: float, gamma: float, ra: float, rb: float, signs: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return what :func:`cur_solve` does; at a pose it is asked for again and again."""
+    with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
+        found: tuple[float, ...] = cur_solve(beta, gamma, ra, rb, *signs)
+    return found
 
 
 def _sizes(parameters: Parameters) -> tuple[float, float, float, float]:

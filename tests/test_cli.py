@@ -652,7 +652,7 @@ def test_completion_script_is_a_script(tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [("pmopt wor", "workspace"), (f"pmopt info {MECH[:3]}", MECH), (f"pmopt ik {MECH} --fo",
+    [("pmopt wor", "workspace"), (f"pmopt info {MECH[:3]}", MECH), (f"pmopt ik {MECH} --form",
      "--format")],
 )  # fmt: skip
 def test_completion_completes(tmp_path, words, expected):

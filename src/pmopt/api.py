@@ -180,6 +180,7 @@ def certify_volume(
     *,
     gap: float = 1e-2,
     time_budget: float | None = None,
+    box_budget: int | None = None,
     **settings: Any,
 ) -> CertifiedVolume:
     """Enclose the volume of one design's workspace between guaranteed bounds.
@@ -191,7 +192,9 @@ def certify_volume(
     gap : float
         Relative gap between the bounds that is asked for.
     time_budget : float, optional
-        Seconds after which the bounds so far are returned.
+        Seconds of work after which the bounds so far are returned; compilation does not count.
+    box_budget : int, optional
+        Boxes examined after which they are: the same on every machine.
     **settings
         ``working_mode``, ``domain`` and ``limits`` of
         :class:`pmopt.analysis.settings.WorkspaceSettings`.
@@ -205,6 +208,7 @@ def certify_volume(
         validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
         gap=gap,
         time_budget=time_budget,
+        box_budget=box_budget,
     )
 
 
@@ -212,7 +216,8 @@ def certify(
     mechanism: str,
     params: Params | None = None,
     *,
-    time_budget: float = 30.0,
+    time_budget: float | None = 30.0,
+    box_budget: int | None = None,
     **settings: Any,
 ) -> Claim:
     """Prove or refute LCI >= ``min_lci`` at every reachable pose of a box.
@@ -223,8 +228,11 @@ def certify(
     ----------
     mechanism, params
         See :func:`workspace`.
-    time_budget : float
-        Seconds after which the claim is left undecided.
+    time_budget : float, optional
+        Seconds of work after which the claim is left undecided; compilation does not count.
+    box_budget : int, optional
+        Boxes examined after which it is: with ``time_budget=None`` the verdict is the same on every
+        machine.
     **settings
         ``min_lci``, ``domain``, ``limits``, ``working_mode``, ``norm``, ``jacobian`` and
         ``characteristic_length`` of :class:`pmopt.analysis.settings.WorkspaceSettings`.
@@ -237,6 +245,7 @@ def certify(
         params,
         validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
         time_budget=time_budget,
+        box_budget=box_budget,
     )
 
 

@@ -7,7 +7,7 @@ import hashlib
 import os
 import secrets
 import stat
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from pmopt.errors import PmoptError
@@ -40,9 +40,7 @@ def stage(path: Path, data: bytes | str) -> Path:
     """
     temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        name = os.fsencode(path.name)[:_LONGEST].decode("utf-8", "ignore")
-        temporary = path.with_name(f".{name}.{secrets.token_hex(6)}{_TEMPORARY}")
+        temporary = _temporary(path)
         write_new(temporary, data, mode_of(path))
         staged, temporary = temporary, None
     except OSError as error:
@@ -53,13 +51,21 @@ def stage(path: Path, data: bytes | str) -> Path:
     return staged
 
 
-def write_new(path: Path, data: bytes | str, mode: int | None = None) -> None:
-    """Write a file that is not there yet and flush it to disk.
+def _temporary(path: Path) -> Path:
+    """Return a temporary name in the folder of a file, which is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    name = os.fsencode(path.name)[:_LONGEST].decode("utf-8", "ignore")
+    return path.with_name(f".{name}.{secrets.token_hex(6)}{_TEMPORARY}")
+
+
+def write_new(path: Path, data: bytes | str | Iterable[str], mode: int | None = None) -> str:
+    """Write a file that is not there yet, flush it to disk and return its SHA-256.
 
     Parameters
     ----------
     path : Path
-    data : bytes or str
+    data : bytes, str or iterable of str
+        Its pieces are written as they come.
     mode : int, optional
         Permissions; None: those that the umask gives.
 
@@ -67,14 +73,18 @@ def write_new(path: Path, data: bytes | str, mode: int | None = None) -> None:
     ------
     OSError
     """
-    raw = data.encode() if isinstance(data, str) else data
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    digest = hashlib.sha256()
     with os.fdopen(handle, "wb") as stream:
         if mode is not None:
             os.fchmod(handle, mode)
-        stream.write(raw)
+        for piece in [data] if isinstance(data, bytes | str) else data:
+            raw = piece.encode() if isinstance(piece, str) else piece
+            digest.update(raw)
+            stream.write(raw)
         stream.flush()
         os.fsync(handle)
+    return digest.hexdigest()
 
 
 def mode_of(path: Path) -> int | None:
@@ -115,6 +125,45 @@ def write_atomic(path: Path, data: bytes | str) -> None:
     PmoptError
     """
     put(stage(path, data), path)
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[Callable[[str], None]]:
+    """Write a file piece by piece by the function that is yielded, whole or not at all.
+
+    Raises
+    ------
+    PmoptError
+        See :func:`stage`.
+    """
+    temporary = None
+    try:
+        try:
+            temporary = _temporary(path)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            handle = os.open(temporary, flags, 0o666)
+        except OSError as error:
+            raise unwritable(path, error) from error
+        with os.fdopen(handle, "wb", buffering=0) as stream:
+            mode = mode_of(path)
+            if mode is not None:
+                os.fchmod(handle, mode)
+
+            def write(text: str) -> None:
+                rest = memoryview(text.encode())
+                try:
+                    while rest:
+                        rest = rest[stream.write(rest) :]
+                except OSError as error:
+                    raise unwritable(path, error) from error
+
+            yield write
+            os.fsync(handle)
+        put(temporary, path)
+        temporary = None
+    finally:
+        if temporary is not None:
+            remove_staged([temporary])
 
 
 def unwritable(path: Path, error: OSError) -> PmoptError:

@@ -51,6 +51,13 @@ _OF_COORDINATES = ("speed", "acceleration", "turn", "angular_acceleration")
 _OF_PLATFORM = ("point_speed", "point_acceleration", "rotation_speed", "rotation_acceleration")
 SIZES = (*_OF_COORDINATES, *_OF_PLATFORM, "force")
 _LARGEST = 1e9
+#: Poses of a replicate that are looked at at once.
+_PART = 1 << 14
+#: Poses whose demands are kept, at most; those of more are counted.
+_MOST_KEPT = 1 << 21
+#: Bits of the fraction that tell a bin, octaves of bins, and the first bits of the lowest, 2**-40.
+_BITS, _OCTAVES = 12, 100
+_LOWEST = (1023 - 40) << _BITS
 #: Settings of the workspace that change what is found.
 READS = Reads(
     "capability",
@@ -426,7 +433,8 @@ def compute_capability(
         ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m), each a size; those
         left out are not limited.
     samples : int
-        In all replicates, rounded up to whole blocks.
+        In all replicates, rounded up to whole blocks. Beyond two millions demands are not kept but
+        counted in fine steps: memory does not grow, and the steps are in the errors.
 
     Raises
     ------
@@ -447,25 +455,46 @@ def compute_capability(
     points = sweeper.sequence(REPLICATES)
     count = max(1, math.ceil(samples / REPLICATES / BLOCK)) * BLOCK
     bounds = np.array([given.get(name, math.inf) for name in asked.names])
-    found: list[Values] = []
+    kept: type[_Exact] | type[_Binned] = _Exact if REPLICATES * count <= _MOST_KEPT else _Binned
+    joined = kept(len(bounds))
+    met: list[int] = []
+    capable_met: list[int] = []
+    enough_met: list[NDArray[np.int64]] = []
+    each: list[Values] = []
     for r in range(REPLICATES):
-        poses, _ = reachable_poses(sweeper, design, replicate(points, r), 0, count)
-        found.append(asked.at(poses))
+        one = kept(len(bounds))
+        reached, within, enough = 0, 0, np.zeros(len(bounds), dtype=np.int64)
+        for first in range(0, count, _PART):
+            last = min(first + _PART, count)
+            poses, _ = reachable_poses(sweeper, design, replicate(points, r), first, last)
+            values = asked.at(poses)
+            kept_here = values <= bounds[:, None]
+            reached += values.shape[1]
+            within += int(kept_here.all(axis=0).sum())
+            enough += kept_here.sum(axis=1)
+            one.add(values)
+        met.append(reached)
+        capable_met.append(within)
+        enough_met.append(enough)
+        if reached:
+            each.append(one.levels())
+        joined.join(one)
     part = design.box_volume / count
-    whole = [part * values.shape[1] for values in found]
-    capable = [part * int((values <= bounds[:, None]).all(axis=0).sum()) for values in found]
+    whole = [part * number for number in met]
+    capable = [part * number for number in capable_met]
+    total_levels = joined.levels() if sum(met) else np.full((len(bounds), len(SHARES)), math.nan)
     demands = []
     for k, name in enumerate(asked.names):
-        joined = np.concatenate([values[k] for values in found])
         levels = []
-        for share in SHARES:
-            each = [float(np.quantile(v[k], share)) for v in found if v.shape[1]]
-            value = float(np.quantile(joined, share)) if joined.size else math.nan
-            levels.append(Estimate(value, _error(each, value)))
-        enough = Estimate(math.nan, math.nan)
+        for j in range(len(SHARES)):
+            value = float(total_levels[k, j])
+            error = _error([float(found[k, j]) for found in each], value)
+            levels.append(Estimate(value, math.hypot(error, kept.resolution * abs(value))
+                                   if error > 0 else error))  # fmt: skip
+        volume = Estimate(math.nan, math.nan)
         if name in given:
-            enough = _mean([part * int((v[k] <= bounds[k]).sum()) for v in found], part)
-        demands.append(Demand(name, asked.units[name], given.get(name), tuple(levels), enough))
+            volume = _mean([part * int(numbers[k]) for numbers in enough_met], part)
+        demands.append(Demand(name, asked.units[name], given.get(name), tuple(levels), volume))
     length = unit_of("length", mechanism.length_unit)
     units = {
         **asked.units,
@@ -481,11 +510,11 @@ def compute_capability(
         "payload": "kg",
     }
     shares = [c / w for c, w in zip(capable, whole, strict=True) if w]
-    total, met = sum(whole), sum(values.shape[1] for values in found)
+    total, reachable = sum(whole), sum(met)
     part_kept = Estimate(math.nan, math.nan)
-    if met:
+    if reachable:
         value = sum(capable) / total
-        part_kept = Estimate(value, max(_error(shares, value), 1 / met))
+        part_kept = Estimate(value, max(_error(shares, value), 1 / reachable))
     return Capability(
         mechanism=mechanism.name,
         params=dict(parameters),
@@ -496,10 +525,84 @@ def compute_capability(
         share=part_kept,
         demands=tuple(demands),
         samples=REPLICATES * count,
-        reachable=met,
+        reachable=reachable,
         seed=seed,
         units=units,
     )
+
+
+class _Exact:
+    """Demands of some poses, all of them kept."""
+
+    resolution = 0.0
+
+    def __init__(self, size: int) -> None:
+        self._parts: list[Values] = [np.empty((size, 0))]
+
+    def add(self, values: Values) -> None:
+        """Take demands (2 n, N)."""
+        self._parts.append(values)
+
+    def join(self, other: Any) -> None:
+        """Take those of another one."""
+        self._parts += other._parts
+
+    def levels(self) -> Values:
+        """Return the quantiles (2 n, s) at :data:`SHARES`."""
+        return np.array(
+            [
+                [float(np.quantile(np.concatenate([p[k] for p in self._parts]), s)) for s in SHARES]
+                for k in range(len(self._parts[0]))
+            ]
+        )
+
+
+class _Binned:
+    """Demands of any number of poses, counted in bins an equal share of their size wide.
+
+    A bin is what the first bits of a double tell: its exponent and ``_BITS`` bits of its fraction.
+    """
+
+    #: Half the width of a bin over its place, at most.
+    resolution = 2.0 ** -(_BITS + 1)
+
+    def __init__(self, size: int) -> None:
+        self._counts = np.zeros((size, _OCTAVES << _BITS), dtype=np.int64)
+        self._least, self._most = np.full(size, np.inf), np.zeros(size)
+
+    def add(self, values: Values) -> None:
+        """Take demands (2 n, N), none of them below 0."""
+        if values.shape[1] == 0:
+            return
+        first = np.ascontiguousarray(values).view(np.int64) >> (52 - _BITS)
+        bins = np.clip(first - _LOWEST, 0, self._counts.shape[1] - 1)
+        for counts, found in zip(self._counts, bins, strict=True):
+            np.add(counts, np.bincount(found, minlength=len(counts)), out=counts)
+        np.minimum(self._least, values.min(axis=1), out=self._least)
+        np.maximum(self._most, values.max(axis=1), out=self._most)
+
+    def join(self, other: Any) -> None:
+        """Take those of another one."""
+        self._counts += other._counts
+        np.minimum(self._least, other._least, out=self._least)
+        np.maximum(self._most, other._most, out=self._most)
+
+    def levels(self) -> Values:
+        """Return the quantiles (2 n, s) at :data:`SHARES`, interpolated within bins."""
+        ends = (np.arange((_OCTAVES << _BITS) + 1) + _LOWEST) << (52 - _BITS)
+        edges = ends.view(np.float64).copy()
+        edges[0], edges[-1] = 0.0, np.inf
+        found = np.empty((len(self._counts), len(SHARES)))
+        for k, counts in enumerate(self._counts):
+            sums = np.cumsum(counts)
+            for j, share in enumerate(SHARES):
+                rank = share * float(sums[-1] - 1)
+                place = int(np.searchsorted(sums, rank, side="right"))
+                within = (rank - float(sums[place] - counts[place]) + 0.5) / float(counts[place])
+                low, high = edges[place], edges[place + 1]
+                value = np.inf if np.isinf(high) else low + min(within, 1.0) * (high - low)
+                found[k, j] = min(max(value, self._least[k]), self._most[k])
+        return found
 
 
 def _error(values: Sequence[float], pooled: float) -> float:

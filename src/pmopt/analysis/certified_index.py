@@ -6,12 +6,12 @@ bound the index from outside, single poses that are proven reachable from inside
 
 from __future__ import annotations
 
-import time
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.budgets import Budget
 from pmopt.analysis.certify import bisected, index_bounds
 from pmopt.analysis.enclosures import Enclosure
 
@@ -36,9 +36,7 @@ class IndexBounds(NamedTuple):
         return {k: None if np.isnan(v) else v for k, v in self._asdict().items()}
 
 
-def bound_index(
-    enclosure: Enclosure, norm: str, boxes: int, began: float, budget: float | None = None
-) -> IndexBounds:
+def bound_index(enclosure: Enclosure, norm: str, boxes: int, budget: Budget) -> IndexBounds:
     """Return proven bounds of the extremes of LCI.
 
     Parameters
@@ -47,10 +45,8 @@ def bound_index(
     norm : {"2", "fro"}
     boxes : int
         To be examined at most, within reason.
-    began : float
-        Of ``time.monotonic``, when the time budget began.
-    budget : float, optional
-        Seconds; at least one round is done.
+    budget : Budget
+        Of its seconds; at least one round is done.
     """
     found, most = _Extremes(enclosure, norm), min(max(boxes, _FEWEST), _MOST)
     centres, halves = enclosure.whole()
@@ -61,7 +57,7 @@ def bound_index(
             for k in range(0, len(centres), _BATCH)
         ]
         centres, halves, low, high = (np.concatenate(p) for p in zip(*parts, strict=True))
-        if budget is not None and time.monotonic() - began > budget:
+        if budget.late:
             break
         taken = found.wanted(low, high)
         # Twice as many boxes come of those that may hold an extreme; the others are done with.

@@ -8,7 +8,6 @@ in the design's box that keep every limit in the working mode.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.budgets import Budget
 from pmopt.analysis.emptiness import explain
 from pmopt.analysis.enclosures import Enclosure, enclose
 from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from pmopt.analysis.certified_index import IndexBounds
 
 Array = NDArray[np.float64]
-Stop = Literal["gap", "time budget", "boxes"]
+Stop = Literal["gap", "time budget", "box budget", "boxes"]
 Verdict = Literal["proven", "refuted", "undecided", "empty"]
-Ended = Literal["proven", "witness", "time budget", "boxes", "edge"]
+Ended = Literal["proven", "witness", "time budget", "box budget", "boxes", "edge"]
 #: Called with a number that falls to 0 when the work is done, e.g. the gap.
 Progress = Callable[[float, float], None]
 
@@ -78,8 +78,8 @@ class CertifiedVolume:
         The gap asked for.
     boxes, undecided : int
         Boxes examined, and how many of the last ones are neither within nor outside.
-    stopped : {"gap", "time budget", "boxes"}
-        Why it ended: the gap was reached, or time or memory had run out.
+    stopped : {"gap", "time budget", "box budget", "boxes"}
+        Why it ended: the gap was reached, or a budget or memory had run out.
     index : IndexBounds or None
         Of the least and the largest LCI, proven; None for an empty box.
     norm, index_note : str
@@ -116,6 +116,8 @@ class CertifiedVolume:
         text = "guaranteed bounds; of the poses in the domain that keep every limit"
         if self.stopped == "time budget":
             return f"{text}; stopped at the time budget: how close they are depends on the machine"
+        if self.stopped == "box budget":
+            return f"{text}; stopped at the budget of boxes"
         if self.stopped == "boxes":
             return f"{text}; stopped at {MAX_OPEN} open boxes"
         return text
@@ -159,6 +161,7 @@ def certify_volume(
     *,
     gap: float = 1e-2,
     time_budget: float | None = None,
+    box_budget: int | None = None,
     progress: Progress | None = None,
     notify: Notify | None = None,
 ) -> CertifiedVolume:
@@ -174,7 +177,9 @@ def certify_volume(
     gap : float
         Relative gap between the bounds that is asked for.
     time_budget : float, optional
-        Seconds after which the bounds so far are returned.
+        Seconds of work after which the bounds so far are returned; compilation does not count.
+    box_budget : int, optional
+        Boxes examined after which they are: the same on every machine.
     progress, notify : callable, optional
 
     Raises
@@ -184,7 +189,7 @@ def certify_volume(
     """
     if not 0 < gap < 1:
         raise InputError(f"certify: {gap} is not allowed: a gap between 0 and 1 is needed")
-    began = _started(time_budget)
+    budget = Budget(time_budget, box_budget)
     settings = settings or WorkspaceSettings()
     if settings.min_lci > 0:
         raise InputError(
@@ -200,11 +205,11 @@ def certify_volume(
         from pmopt.analysis.certified_index import bound_index
 
         enclosure = enclose(mechanism, design, _announced(notify))
-        found, stopped = _enclose(enclosure, gap, began, time_budget, progress)
+        found, stopped = _enclose(enclosure, gap, budget, progress)
         scale = Fraction(1)
         for width in enclosure.width.tolist():
             scale *= Fraction(width)
-        index = bound_index(enclosure, settings.norm, found.examined, began, time_budget)
+        index = bound_index(enclosure, settings.norm, found.examined, budget)
     low, high = found.bounds()
     lower, upper = _below(float(Fraction(low) * scale)), _above(float(Fraction(high) * scale))
     units = {p.name: mechanism.unit(p) for p in mechanism.parameters}
@@ -288,8 +293,7 @@ class _Boxes:
 def _enclose(
     enclosure: Enclosure,
     gap: float,
-    began: float,
-    budget: float | None,
+    budget: Budget,
     progress: Progress | None,
 ) -> tuple[_Boxes, Stop]:
     """Bisect the boxes that leave most of the volume open until the gap is reached."""
@@ -315,8 +319,9 @@ def _enclose(
                 boxes.open_measure = enclosure.open_measure
                 boxes.examined += len(found[0])
                 boxes.add([(*found, *enclosure.measures(*found))])
-                if budget is not None and time.monotonic() - began > budget:
-                    return boxes, "time budget"
+                spent = budget.spent(boxes.examined)
+                if spent is not None:
+                    return boxes, spent
                 if fell:
                     continue
         # No more than what closes the gap if every bisection halved its part.
@@ -325,10 +330,11 @@ def _enclose(
         parts: list[tuple[Array, Array, Array, Array]] = []
         weights = _weighed(enclosure, taken[0], taken[1], weights)
         for start in range(0, len(taken[0]), _BATCH):
-            if budget is not None and time.monotonic() - began > budget:
+            spent = budget.spent(boxes.examined)
+            if spent is not None:
                 centres, halves, lows, highs = (a[start:] for a in taken)
                 boxes.add([*parts, (centres, halves, lows, highs)])
-                return boxes, "time budget"
+                return boxes, spent
             part = slice(start, start + _BATCH)
             children = bisected(taken[0][part], taken[1][part], weights)
             boxes.examined += len(children[0])
@@ -396,12 +402,6 @@ def _weighed(enclosure: Enclosure, centres: Array, halves: Array, weights: Array
     return np.asarray(weights * exp_of(_LEARNT * change * math.log(2)))
 
 
-def _started(budget: float | None) -> float:
-    if budget is not None and not budget > 0:
-        raise InputError(f"certify: time_budget={budget} is not allowed: seconds > 0 are needed")
-    return time.monotonic()
-
-
 def _prepared(
     mechanism: Mechanism,
     params: Mapping[str, Any] | None,
@@ -456,7 +456,7 @@ class Claim:
         Share of the box in which nothing is proven yet, at most.
     reachable : {"all", "some", "none", "unknown"}
         Of the box's poses, as far as it is proven.
-    stopped : {"proven", "witness", "time budget", "boxes", "edge"}
+    stopped : {"proven", "witness", "time budget", "box budget", "boxes", "edge"}
         Why it ended; "edge": the box touches what can be reached, to rounding.
     reason : str or None
         What rules all poses out, where none is reachable.
@@ -492,6 +492,8 @@ class Claim:
             text += "; no pose of it is proven to be reachable"
         if self.stopped == "time budget":
             text += "; stopped at the time budget: another machine may decide it"
+        if self.stopped == "box budget":
+            text += "; stopped at the budget of boxes: more of them may decide it"
         return text
 
     def to_dict(self) -> dict[str, Any]:
@@ -528,7 +530,8 @@ def certify_claim(
     params: Mapping[str, Any] | None = None,
     settings: WorkspaceSettings | None = None,
     *,
-    time_budget: float = 30.0,
+    time_budget: float | None = 30.0,
+    box_budget: int | None = None,
     progress: Progress | None = None,
     notify: Notify | None = None,
 ) -> Claim:
@@ -542,8 +545,10 @@ def certify_claim(
     settings : WorkspaceSettings, optional
         Working mode, domain, limits, norm and characteristic length. With ``min_lci`` > 0 the claim
         is LCI >= min_lci at every reachable pose, else that none is singular.
-    time_budget : float
-        Seconds after which the claim is left undecided.
+    time_budget : float, optional
+        Seconds of work after which the claim is left undecided; compilation does not count.
+    box_budget : int, optional
+        Boxes examined after which it is: the same on every machine.
     progress, notify : callable, optional
 
     Raises
@@ -551,7 +556,7 @@ def certify_claim(
     InputError
         For settings that nothing is proven for, unknown names and values out of range.
     """
-    began = _started(time_budget)
+    budget = Budget(time_budget, box_budget)
     settings = settings or WorkspaceSettings()
     least = settings.min_lci
     sweeper, design = _prepared(mechanism, params, settings, READS, notify)
@@ -561,7 +566,7 @@ def certify_claim(
     reached: dict[str, bool] = {}
     if design.box_volume > 0:
         search = _Search(mechanism, design, settings, _announced(notify))
-        verdict, stopped = search.run(began, time_budget, progress)
+        verdict, stopped = search.run(budget, progress)
         witness, index = search.witness, search.witness_lci
         examined, share = search.examined, search.open_share
         reached = search.reached
@@ -630,14 +635,14 @@ class _Search:
         self.reached = dict.fromkeys(("in", "out", "edge"), False)
         self._unsure: list[tuple[Array, Array]] = []
 
-    def run(self, began: float, budget: float, progress: Progress | None) -> tuple[Verdict, Ended]:
+    def run(self, budget: Budget, progress: Progress | None) -> tuple[Verdict, Ended]:
         """Return the verdict and why the search ended."""
-        verdict, stopped = self._hold(began, budget, progress)
+        verdict, stopped = self._hold(budget, progress)
         if verdict == "proven" and not self.reached["in"]:
-            return self._exist(began, budget)
+            return self._exist(budget)
         return verdict, stopped
 
-    def _exist(self, began: float, budget: float) -> tuple[Verdict, Ended]:
+    def _exist(self, budget: Budget) -> tuple[Verdict, Ended]:
         """Return whether the claim, which holds, is about some pose or about none."""
         size = len(self.enclosure.lower)
         centres, halves = (
@@ -647,8 +652,9 @@ class _Search:
         while len(centres):
             parts: list[tuple[Array, Array]] = []
             for start in range(0, len(centres), _BATCH):
-                if time.monotonic() - began > budget:
-                    return "undecided", "time budget"
+                spent = budget.spent(self.examined)
+                if spent is not None:
+                    return "undecided", spent
                 part = slice(start, start + _BATCH)
                 self.examined += len(centres[part])
                 low, high = self.enclosure.shares(centres[part], halves[part])
@@ -664,16 +670,15 @@ class _Search:
             centres, halves = bisected(centres, halves)
         return "empty", "proven"
 
-    def _hold(
-        self, began: float, budget: float, progress: Progress | None
-    ) -> tuple[Verdict, Ended]:
+    def _hold(self, budget: Budget, progress: Progress | None) -> tuple[Verdict, Ended]:
         """Bisect until the claim holds in every box, or a witness refutes it."""
         centres, halves = self.enclosure.whole()
         while len(centres):
             parts: list[tuple[Array, Array]] = []
             for start in range(0, len(centres), _BATCH):
-                if time.monotonic() - began > budget:
-                    return "undecided", "time budget"
+                spent = budget.spent(self.examined)
+                if spent is not None:
+                    return "undecided", spent
                 part = slice(start, start + _BATCH)
                 open_boxes = self._examine(centres[part], halves[part])
                 parts.append((centres[part][open_boxes], halves[part][open_boxes]))

@@ -57,9 +57,10 @@ class State:
     kinetic, potential : (N,)
         J.
     centres : (N, B, 3, 3)
-        Position, velocity and acceleration of the centre of mass of every body.
+        Position, velocity and acceleration of the centre of mass of every body. Empty where they
+        are not asked for.
     mass_matrix : (N, n, n)
-        By pose coordinates: kinetic energy is X' M X' / 2.
+        By pose coordinates: kinetic energy is X' M X' / 2. Empty where it is not asked for.
     inverse_jacobian : (N, n, n)
         q' by X'.
     valid : (N,) bool
@@ -233,65 +234,75 @@ class Mover:
         return np.array([self.unit if c.kind == "length" else 1.0 for c in coordinates])
 
     def state(
-        self, poses: Values, rates: Values, accelerations: Values, masses: bool = False
-    ) -> State:
+        self, poses: Values, rates: Values, accelerations: Values, masses: bool = False,
+        centres: bool = True,
+    ) -> State:  # fmt: skip
         """Return what holds at poses (N, n) with these rates and accelerations, mechanism's units.
 
-        ``mass_matrix`` is computed only with ``masses``. Poses have to be reachable; what is not
-        told is NaN.
+        There is a ``mass_matrix`` only with ``masses``, and there are no centres without
+        ``centres``. Poses have to be reachable; what is not told is NaN.
         """
         mechanism = self.mechanism
         n, columns, count = len(mechanism.joints), self._columns, len(poses)
         factor = self.si(mechanism.pose)
         scaled = [np.ascontiguousarray(a * factor) for a in (rates, accelerations)]
         poses = np.ascontiguousarray(poses)
-        stances = np.empty((count, self._stance_size))
+        followed = len(self._followed)
+        joints, passive = np.empty((count, n)), np.empty((count, followed))
+        turned, swung = np.empty((2, count, n)), np.zeros((2, count, followed))
         platform = np.empty((count, 3, 6))
-        moved = np.empty((count, columns, 2))
         efforts = np.empty((count, n))
         energies = np.empty((count, 2))
-        centres = np.empty((count, len(self.bodies), 9))
-        matrix, inverse = np.empty((count, n, n)), np.empty((count, n, n))
+        bodies = len(self.bodies)
+        middles = np.empty((count if centres else 0, bodies, 9))
+        # Nothing is read of matrices that are not asked for.
+        matrix = np.full((count, n, n), np.nan) if masses else np.empty((0, n, n))
+        inverse = np.empty((count, n, n))
         valid = np.empty(count, dtype=np.uint8)
 
         def chunk(start: int) -> None:
-            part = slice(start, start + _CHUNK)
+            part = slice(start, min(start + _CHUNK, count))
+            size = part.stop - start
+            stance, moved = np.empty((size, self._stance_size)), np.empty((size, columns, 2))
             self._kernel.move(
                 poses[part], scaled[0][part], scaled[1][part], self._constants, self.unit,
                 self.gravity, self._joints, self._limbs, self._roles, self._drives, self._bodies,
-                self._masses, int(masses), stances[part], platform[part], moved[part],
-                efforts[part], energies[part], centres[part], matrix[part], inverse[part],
+                self._masses, int(masses), stance, platform[part], moved,
+                efforts[part], energies[part],
+                middles[part] if centres else np.empty((size, bodies, 9)),
+                matrix[part] if masses else np.empty((size, n, n)), inverse[part],
                 valid[part],
                 *dynamics.scratch(len(self._joints), columns, len(self._limbs), n),
             )  # fmt: skip
+            joints[part] = stance[:, PLACE : PLACE + n]
+            passive[part] = stance[:, PLACE + n : PLACE + n + followed]
+            turned[:, part] = moved[:, self._drives].transpose(2, 0, 1)
+            for k, terms in enumerate(self._followed):
+                for c, weight in terms:
+                    swung[:, part, k] += weight * moved[:, c].T
+            known = np.isfinite(moved).all(axis=(1, 2)) & np.isfinite(platform[part]).all((1, 2))
+            valid[part] &= known
 
         for _ in ordered_map(chunk, range(0, count, _CHUNK), self.threads):
             pass
-        passive = np.zeros((2, count, len(self._followed)))
-        for k, terms in enumerate(self._followed):
-            for c, weight in terms:
-                passive[:, :, k] += weight * moved[:, c].T
-        first = PLACE + n
         state = State(
-            joints=stances[:, PLACE:first],
-            joint_rates=moved[:, self._drives, 0],
-            joint_accelerations=moved[:, self._drives, 1],
-            passive=stances[:, first : first + len(self._followed)],
-            passive_rates=passive[0],
-            passive_accelerations=passive[1],
+            joints=joints,
+            joint_rates=turned[0],
+            joint_accelerations=turned[1],
+            passive=passive,
+            passive_rates=swung[0],
+            passive_accelerations=swung[1],
             platform=platform,
             efforts=efforts,
             kinetic=energies[:, 0],
             potential=energies[:, 1],
-            centres=centres.reshape(count, len(self.bodies), 3, 3),
+            centres=middles.reshape(len(middles), bodies, 3, 3),
             mass_matrix=matrix,
             inverse_jacobian=inverse,
-            valid=valid.astype(bool)
-            & np.isfinite(platform).all(axis=(1, 2))
-            & np.isfinite(moved).all(axis=(1, 2)),
+            valid=valid.astype(bool),
         )
         for item in fields(state):
             values = getattr(state, item.name)
-            if item.name != "valid":
+            if item.name != "valid" and len(values) == count:
                 values[~state.valid] = np.nan
         return state

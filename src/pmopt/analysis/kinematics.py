@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -281,10 +282,10 @@ def _forward_units(mechanism: Mechanism) -> dict[str, str]:
     return _units(mechanism) | {"residual": unit_of("length", mechanism.length_unit)}
 
 
-def _require_reach(
+def _not_reached(
     mechanism: Mechanism, parameters: Parameters, pose: Mapping[str, float], where: str
-) -> None:
-    """Raise the error that names each limb that can not reach the pose and by how much."""
+) -> UnreachableError:
+    """Return the error that names each limb that can not reach the pose and by how much."""
     unit = unit_of("length", mechanism.length_unit)
     misses = [
         f"{r.limb} misses by {-r.distance:.6g} {unit} ({r.reason})"
@@ -292,7 +293,7 @@ def _require_reach(
         if r.distance < 0
     ]
     told = "; ".join(misses) or "the limbs can not be assembled there"
-    raise UnreachableError(f"{where}: {_shown(pose)} is out of reach: {told}")
+    return UnreachableError(f"{where}: {_shown(pose)} is out of reach: {told}")
 
 
 def inverse_kinematics(
@@ -331,35 +332,119 @@ def inverse_kinematics(
     InputError
         For unknown names and values that are no finite numbers.
     """
-    parameters = mechanism.resolve(params or {})
-    checked = mechanism.check_coordinates(pose, mechanism.pose, where)
-    given = mechanism.check_ranges(limits or {}, mechanism.limited, "limits")
-    ranges = {**mechanism.default_limits(parameters), **given}
-    if working_mode != "all":
-        mechanism.check_mode(working_mode)
-    solutions = mechanism.inverse(parameters, checked)
-    if not solutions:
-        _require_reach(mechanism, parameters, checked, where)
-    chosen = tuple(s for s in solutions if working_mode in ("all", s.working_mode))
-    if not chosen:
-        raise UnreachableError(
-            f"{where}: {_shown(checked)} is out of reach in working mode {working_mode}; "
-            f"it is reached in {', '.join(s.working_mode for s in solutions)}"
+    (found,) = Inverting(mechanism, params, working_mode, limits).at([pose], [where])
+    if isinstance(found, OutOfReach):
+        raise found.error()
+    return found
+
+
+@dataclass(frozen=True)
+class OutOfReach:
+    """A pose without what was asked for there; ``error`` returns why."""
+
+    pose: dict[str, float]
+    error: Callable[[], UnreachableError]
+
+
+class Inverting:
+    """The inverse kinematics of one design, for any number of poses.
+
+    Parameters
+    ----------
+    mechanism, params, working_mode, limits
+        See :func:`inverse_kinematics`.
+
+    Raises
+    ------
+    InputError
+        See :func:`inverse_kinematics`.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        params: Mapping[str, Any] | None = None,
+        working_mode: str = "all",
+        limits: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.mechanism = mechanism
+        self.parameters = mechanism.resolve(params or {})
+        given = mechanism.check_ranges(limits or {}, mechanism.limited, "limits")
+        ranges = {**mechanism.default_limits(self.parameters), **given}
+        if working_mode != "all":
+            mechanism.check_mode(working_mode)
+        self._mode = working_mode
+        own = {k: v for k, v in ranges.items() if k not in given}
+        strokes = {c.name: own[c.name] for c in mechanism.joints if c.name in own}
+        self._strokes = _Limits(mechanism, strokes, mechanism.limited)
+        self._limits = _Limits(mechanism, ranges, mechanism.limited)
+        self._fixed = _Limits(mechanism, mechanism.pose_limits(self.parameters), mechanism.pose)
+        self._units = _units(mechanism)
+
+    @property
+    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+        """What is compiled for many poses, with the entries that are called."""
+        found = self.mechanism.inverter
+        return {} if found is None else {load(found): ("assemble_all",)}
+
+    def say(self, notify: Callable[[str], None]) -> None:
+        """Have a line said where it still has to be compiled."""
+        name = self.mechanism.name
+        for compiled in self.kernels:
+            compiled.on_compile = lambda: notify(
+                f"compiling the inverse kinematics of {name}, once: some seconds"
+            )
+
+    def at(
+        self, poses: Sequence[Mapping[str, Any]], places: Sequence[str]
+    ) -> list[InverseResult | OutOfReach]:
+        """Return what :func:`inverse_kinematics` gives of each pose alone, to the last bit.
+
+        Parameters
+        ----------
+        poses : sequence of mapping
+            Every pose coordinate, each.
+        places : sequence of str
+            What errors call them.
+
+        Raises
+        ------
+        InputError
+            For unknown names and values that are no finite numbers.
+        """
+        mechanism = self.mechanism
+        checked = [
+            mechanism.check_coordinates(pose, mechanism.pose, where)
+            for pose, where in zip(poses, places, strict=True)
+        ]
+        found = mechanism.inverses(self.parameters, checked)
+        return [self._result(*one) for one in zip(checked, places, found, strict=True)]
+
+    def _result(
+        self, pose: dict[str, float], where: str, solutions: tuple[InverseSolution, ...]
+    ) -> InverseResult | OutOfReach:
+        mechanism, mode = self.mechanism, self._mode
+        if not solutions:
+            return OutOfReach(pose, lambda: _not_reached(mechanism, self.parameters, pose, where))
+        chosen = tuple(s for s in solutions if mode in ("all", s.working_mode))
+        if not chosen:
+            text = (
+                f"{where}: {_shown(pose)} is out of reach in working mode {mode}; "
+                f"it is reached in {', '.join(s.working_mode for s in solutions)}"
+            )
+            return OutOfReach(pose, lambda: UnreachableError(text))
+        misses = [self._strokes.beyond(s.joints) for s in solutions]
+        fixed = self._fixed.beyond(pose)
+        beyond = tuple((*fixed, *self._limits.beyond({**s.passive, **s.joints})) for s in chosen)
+        return InverseResult(
+            mechanism.name,
+            pose,
+            chosen,
+            tuple(not b for b in beyond),
+            self._units,
+            beyond,
+            None if not all(misses) else _out_of_strokes(mechanism, misses, pose, where),
         )
-    own = {k: v for k, v in ranges.items() if k not in given}
-    strokes = {c.name: own[c.name] for c in mechanism.joints if c.name in own}
-    misses = [_beyond(mechanism, {**s.joints}, strokes) for s in solutions]
-    fixed = _beyond(mechanism, checked, mechanism.pose_limits(parameters), mechanism.pose)
-    beyond = tuple((*fixed, *_beyond(mechanism, {**s.passive, **s.joints}, ranges)) for s in chosen)
-    return InverseResult(
-        mechanism.name,
-        checked,
-        chosen,
-        tuple(not b for b in beyond),
-        _units(mechanism),
-        beyond,
-        None if not all(misses) else _out_of_strokes(mechanism, misses, checked, where),
-    )
 
 
 def reached(mechanism: Mechanism, result: InverseResult, where: str) -> InverseResult:
@@ -381,27 +466,34 @@ def _shown(values: Mapping[str, float]) -> str:
     return ",".join(f"{name}={value!r}" for name, value in values.items())
 
 
-def _beyond(
-    mechanism: Mechanism,
-    values: Mapping[str, float],
-    ranges: Ranges,
-    coordinates: Sequence[Coordinate] | None = None,
-) -> tuple[Beyond, ...]:
-    """Return what of the values is not within the ranges, in the order of the coordinates."""
-    found = []
-    for c in mechanism.limited if coordinates is None else coordinates:
-        for name, value in values.items():
-            if c.name not in ranges or not of_limb(c.name, name):
-                continue
-            low, high = ranges[c.name]
+class _Limits:
+    """Ranges of coordinates that values are held against, many times."""
+
+    def __init__(
+        self, mechanism: Mechanism, ranges: Ranges, coordinates: Sequence[Coordinate]
+    ) -> None:
+        self._mechanism = mechanism
+        self._ranges = [(c, ranges[c.name]) for c in coordinates if c.name in ranges]
+        self._pairs: dict[tuple[str, ...], list[tuple[str, Coordinate, tuple[float, float]]]] = {}
+
+    def beyond(self, values: Mapping[str, float]) -> tuple[Beyond, ...]:
+        """Return what of the values is not within the ranges, in the order of the coordinates."""
+        names = tuple(values)
+        pairs = self._pairs.get(names)
+        if pairs is None:
+            pairs = [(n, c, ends) for c, ends in self._ranges for n in names if of_limb(c.name, n)]
+            self._pairs[names] = pairs
+        found = []
+        for name, c, (low, high) in pairs:
+            value = values[name]
             if within(value, (low, high), c.kind):
                 continue
             if c.kind == "angle":
                 miss = min(abs(wrap_angle(value - low)), abs(wrap_angle(value - high)))
             else:
                 miss = max(low - value, value - high)
-            found.append(Beyond(name, value, low, high, miss, mechanism.unit(c)))
-    return tuple(found)
+            found.append(Beyond(name, value, low, high, miss, self._mechanism.unit(c)))
+        return tuple(found)
 
 
 def _out_of_strokes(
@@ -608,22 +700,105 @@ def jacobian_at(
     UnreachableError, InputError
         See :func:`inverse_kinematics`.
     """
-    parameters = mechanism.resolve(params or {})
-    mode = mechanism.check_mode(working_mode)
-    if characteristic_length is not None:
-        if characteristic_length != "optimal" and not (
-            isinstance(characteristic_length, int | float)
-            and np.isfinite(characteristic_length)
-            and characteristic_length > 0
+    index = Index(kind, characteristic_length, norm)
+    asked = Jacobians(mechanism, params, working_mode, index, limits)
+    (found,) = asked.at([pose], [where])
+    if isinstance(found, OutOfReach):
+        raise found.error()
+    return found
+
+
+@dataclass(frozen=True)
+class Index:
+    """What conditioning index is asked for; see :func:`jacobian_at`.
+
+    Raises
+    ------
+    InputError
+    """
+
+    kind: JacobianKind | None = None
+    characteristic_length: float | str | None = None
+    norm: str = "2"
+
+    def __post_init__(self) -> None:
+        length = self.characteristic_length
+        if length is None:
+            return
+        if length != "optimal" and not (
+            isinstance(length, int | float) and np.isfinite(length) and length > 0
         ):
-            raise InputError(
-                f"characteristic length {characteristic_length} must be a number > 0, or optimal"
-            )
-        if kind == "raw":
+            raise InputError(f"characteristic length {length} must be a number > 0, or optimal")
+        if self.kind == "raw":
             raise InputError("characteristic length: needs the homogenized Jacobian, not raw")
+
+
+class Jacobians:
+    """The Jacobian of one design in one working mode, at any number of poses.
+
+    Parameters
+    ----------
+    mechanism, params, working_mode, limits
+        See :func:`jacobian_at`.
+    index : Index
+
+    Raises
+    ------
+    InputError
+        See :func:`jacobian_at`.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        params: Mapping[str, Any] | None = None,
+        working_mode: str | None = None,
+        index: Index | None = None,
+        limits: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.mode = mechanism.check_mode(working_mode)
+        self.inverting = Inverting(mechanism, params, self.mode, limits)
+        self.mechanism = mechanism
+        self.index = index or Index()
+        length = unit_of("length", mechanism.length_unit)
+        self.units = {
+            **{p.name: mechanism.unit(p) for p in mechanism.parameters},
+            **_units(mechanism),
+            **_jacobian_units(mechanism),
+            "characteristic_length": length,
+            "distance": length,
+            "determinant": ONE,
+            "lci": ONE,
+        }
+
+    @cached_property
+    def reference(self) -> JacobianResult:
+        """The result at home of the default design: what there is to be measured."""
+        mechanism = self.mechanism
+        return jacobian_at(mechanism, None, mechanism.home(mechanism.resolve({})))
+
+    def at(
+        self, poses: Sequence[Mapping[str, Any]], places: Sequence[str]
+    ) -> list[JacobianResult | OutOfReach]:
+        """Return what :func:`jacobian_at` gives of each pose alone; see :meth:`Inverting.at`."""
+        results: list[JacobianResult | OutOfReach] = []
+        for found, where in zip(self.inverting.at(poses, places), places, strict=True):
+            if isinstance(found, InverseResult):
+                try:
+                    results.append(_result_at(self, reached(self.mechanism, found, where)))
+                except UnreachableError as error:
+                    results.append(OutOfReach(found.pose, partial(UnreachableError, str(error))))
+            else:
+                results.append(found)
+        return results
+
+
+def _result_at(asked: Jacobians, branch: InverseResult) -> JacobianResult:
+    mechanism, parameters, mode = asked.mechanism, asked.inverting.parameters, asked.mode
+    kind, norm = asked.index.kind, asked.index.norm
+    characteristic_length = asked.index.characteristic_length
+    if characteristic_length is not None:
         kind = "homogenized"
-    found = inverse_kinematics(mechanism, params, pose, mode, limits, where)
-    branch = reached(mechanism, found, where)
     joints = branch.solutions[0].joints
     j_x, j_q = mechanism.velocity_maps(parameters, branch.pose, joints)
     reach = {r.limb: r.distance for r in mechanism.reach(parameters, branch.pose)}
@@ -684,15 +859,7 @@ def jacobian_at(
         forward_measure=measures["forward"],
         constraint_measure=measures.get("constraint", {}),
         singular=singular,
-        units={
-            **{p.name: mechanism.unit(p) for p in mechanism.parameters},
-            **_units(mechanism),
-            **_jacobian_units(mechanism),
-            "characteristic_length": unit_of("length", mechanism.length_unit),
-            "distance": unit_of("length", mechanism.length_unit),
-            "determinant": ONE,
-            "lci": ONE,
-        },
+        units=asked.units,
     )
 
 
@@ -750,8 +917,12 @@ def inverse_condition(matrix: Matrix, norm: str) -> float:
 __all__ = [
     "Beyond",
     "ForwardResult",
+    "Index",
     "InverseResult",
+    "Inverting",
     "JacobianResult",
+    "Jacobians",
+    "OutOfReach",
     "forward_kinematics",
     "forward_many",
     "inverse_kinematics",

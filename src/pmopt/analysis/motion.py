@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -47,6 +47,8 @@ _LOOKS = 40
 #: A joint-space motion is followed to this miss of its joints, relative to the characteristic
 #: length; in at most so many steps an instant.
 _CLOSE = 1e-12
+#: Instants that are looked at at once where that needs much room.
+_ROWS = 1 << 16
 _STEPS = 12
 
 
@@ -106,6 +108,49 @@ class Span:
     text: str
 
 
+class Centres(Mapping[str, Values]):
+    """Position, velocity and acceleration of centres of mass along a motion, by name of the body.
+
+    They are computed when they are asked for: of a long motion they are most of all that there is.
+
+    Parameters
+    ----------
+    mover : Mover
+    pose : Course
+        NaN where the motion is not known.
+    names : tuple of str
+        Of the mover's bodies.
+    """
+
+    def __init__(self, mover: Mover, pose: Course, names: tuple[str, ...]) -> None:
+        self._mover, self._pose, self._names = mover, pose, names
+        self._whole: Values | None = None
+
+    def part(self, instants: slice) -> Values:
+        """Return those of all bodies at some instants, (N, B, 3, 3), in the length unit."""
+        pose = self._pose
+        found = self._mover.state(
+            pose.values[instants], pose.rates[instants], pose.accelerations[instants]
+        )
+        return found.centres / self._mover.unit
+
+    def __getitem__(self, name: str) -> Values:
+        """Return those of a body at all instants, (N, 3, 3)."""
+        if name not in self._names:
+            raise KeyError(name)
+        if self._whole is None:
+            self._whole = self.part(slice(None))
+        return self._whole[:, self._names.index(name)]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the bodies' names."""
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        """Return the number of bodies."""
+        return len(self._names)
+
+
 @dataclass(frozen=True)
 class Motion:
     """A motion: all of it is NaN at infeasible instants.
@@ -120,7 +165,7 @@ class Motion:
         there are no bodies.
     kinetic, potential : (N,) float64 or None
         Energy, J.
-    centres : dict of str to (N, 3, 3) float64
+    centres : mapping of str to (N, 3, 3) float64
         Of each body: position, velocity and acceleration of its centre of mass, in the length unit.
     angular : (N, 2, 3) float64
         The platform's angular velocity and acceleration in the base frame, rad/s and rad/s^2.
@@ -143,7 +188,7 @@ class Motion:
     power: Values | None
     kinetic: Vector | None
     potential: Vector | None
-    centres: dict[str, Values]
+    centres: Centres
     angular: Values
     infeasible: tuple[Span, ...]
     singular: tuple[Span, ...]
@@ -223,7 +268,9 @@ def compute_motion(
     out = known & ~(margin >= 0.0)
     spans += _out_of_reach(mechanism, parameters, mode, design.limits, poses, out, margin)
     feasible = known & ~out
-    state = mover.state(np.where(feasible[:, None], poses, np.nan), rates, accelerations)
+    state = mover.state(
+        np.where(feasible[:, None], poses, np.nan), rates, accelerations, centres=False
+    )
     told = feasible & state.valid
     spans += _untold(feasible & ~state.valid)
     singular = _singular(state, told, index, trajectory.t)
@@ -239,14 +286,24 @@ def compute_motion(
         spans += singular
     pose = Course(mechanism.pose, poses, rates, accelerations)
     courses = _Courses(mover, trajectory, pose, state, told)
+    angular = np.concatenate([
+        angular_motion(state.platform[k : k + _ROWS]) for k in range(0, len(poses), _ROWS)
+    ])  # fmt: skip
+    # What has had its use makes room.
+    none = np.empty(0)
+    state = replace(
+        state, platform=none, inverse_jacobian=none, passive_rates=none, passive_accelerations=none,
+        joint_accelerations=none,
+    )  # fmt: skip
     turned, beyond = courses.limited(design.limits)
+    del courses
     spans += beyond
     for span in beyond:
         told[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
     motion = _assemble(
-        parameters, mode, trajectory.t, pose, turned, state, told, massive, mover, tuple(spans),
-        tuple(singular),
+        parameters, mode, trajectory.t, pose, turned, state, angular, told, massive, mover,
+        tuple(spans), tuple(singular),
     )  # fmt: skip
     if motion.effort is None or spans:
         return motion
@@ -472,6 +529,7 @@ def _assemble(
     pose: Course,
     courses: Mapping[str, Course],
     state: State,
+    angular: Values,
     told: NDArray[np.bool_],
     bodies: tuple[Body, ...],
     mover: Mover,
@@ -479,24 +537,30 @@ def _assemble(
     singular: tuple[Span, ...],
 ) -> Motion:
     """Return the motion in the mechanism's unit, NaN where it is not told."""
-    unit, mechanism = mover.unit, mover.mechanism
+    mechanism = mover.mechanism
+    lost = ~told
 
     def masked(values: Values) -> Values:
-        shape = (-1,) + (1,) * (values.ndim - 1)
-        result: Values = np.where(told.reshape(shape), values, np.nan)
-        return result
+        """Return an array of this motion's own with NaN where nothing is told, in its place.
+
+        Of a long motion there is no room for second copies.
+        """
+        values[lost] = np.nan
+        return values
 
     def course(plain: Course) -> Course:
         orders = (plain.values, plain.rates, plain.accelerations)
         return Course(tuple(plain.coordinates), *map(masked, orders))
 
     has = bool(bodies)
+    given = pose.values, pose.rates, pose.accelerations
+    known = course(Course(pose.coordinates, *(values.copy() for values in given)))
     return Motion(
         mechanism=mechanism.name,
         params=dict(parameters),
         working_mode=mode,
         t=t,
-        pose=course(pose),
+        pose=known,
         parasitic=course(courses["parasitic"]),
         joints=course(courses["joints"]),
         passive=course(courses["passive"]),
@@ -504,10 +568,8 @@ def _assemble(
         power=masked(state.efforts * state.joint_rates) if has else None,
         kinetic=masked(state.kinetic) if has else None,
         potential=masked(state.potential) if has else None,
-        centres={
-            body.name: masked(state.centres[:, k] / unit) for k, body in enumerate(bodies)
-        },
-        angular=masked(angular_motion(state.platform)),
+        centres=Centres(mover, known, tuple(body.name for body in bodies)),
+        angular=masked(angular),
         infeasible=spans,
         singular=singular,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pmopt.analysis.laws import Path as Curve
 from pmopt.analysis.rows import TIME, read_rows
 from pmopt.errors import InputError, unknown_name
-from pmopt.mechanisms.base import Coordinate, Mechanism, Vector
+from pmopt.mechanisms.base import LARGEST_COORDINATE, Coordinate, Mechanism, Vector
 from pmopt.numerics.jets import Jet
 
 Values = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Recording(NamedTuple):
 
     t: Vector
     values: Values
-    lines: tuple[int, ...]
+    lines: NDArray[np.int64]
     notes: tuple[str, ...] = ()
 
 
@@ -65,25 +65,26 @@ def read_recording(
     if found.times is None:
         names = ", ".join(c.name for c in coordinates)
         raise InputError(f"{where}: {path}: column {TIME} is missing, needed: {TIME}, {names}")
-    times, lines = found.times, found.lines
-    points = []
-    for line, pose in zip(lines, found.poses(), strict=True):
-        place = f"{where}: {path}, line {line}"
-        points.append(list(mechanism.check_coordinates(pose, tuple(coordinates), place).values()))
-    t = np.array(times)
+    t, lines = found.times, found.lines
+    for coordinate in coordinates:
+        large = np.flatnonzero(~(np.abs(found.columns[coordinate.name]) <= LARGEST_COORDINATE))
+        if len(large):  # said as of any pose
+            k = int(large[0])
+            place = f"{where}: {path}, line {lines[k]}"
+            mechanism.check_coordinates(found.poses(k, k + 1)[0], tuple(coordinates), place)
     steps = np.diff(t)
     for k in np.flatnonzero(steps <= 0)[:1]:
         raise InputError(
-            f"{where}: {path}, line {lines[k + 1]}: t={times[k + 1]!r} s does not come after "
-            f"t={times[k]!r} s of line {lines[k]}"
+            f"{where}: {path}, line {lines[k + 1]}: t={float(t[k + 1])!r} s does not come after "
+            f"t={float(t[k])!r} s of line {lines[k]}"
         )
     longest = largest_step or _GAP * float(np.median(steps)) if len(steps) else math.inf
     for k in np.flatnonzero(steps > longest)[:1]:
         raise InputError(
-            f"{where}: {path}, line {lines[k + 1]}: a gap from t={times[k]!r} to "
-            f"{times[k + 1]!r} s: at most {longest:g} s is allowed (trajectory.largest_step)"
+            f"{where}: {path}, line {lines[k + 1]}: a gap from t={float(t[k])!r} to "
+            f"{float(t[k + 1])!r} s: at most {longest:g} s is allowed (trajectory.largest_step)"
         )
-    values = np.array(points)
+    values = np.stack([found.columns[c.name] for c in coordinates], axis=1)
     for k, coordinate in enumerate(coordinates):
         if coordinate.kind == "angle":  # recorded in (-pi, pi], it may pass over a full turn
             values[:, k] = np.unwrap(values[:, k])

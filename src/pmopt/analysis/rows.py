@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pmopt.errors import InputError
 from pmopt.inputs.quantities import QuantityError, exact_number, parse_quantity, parse_unit
-from pmopt.inputs.tables import Table, read_table
-from pmopt.mechanisms.base import Coordinate, Mechanism
+from pmopt.inputs.tables import Reader, open_table
+from pmopt.mechanisms.base import Coordinate, Mechanism, Vector
 
 #: The column of times, in s.
 TIME = "t"
@@ -26,27 +30,29 @@ class Rows:
 
     Attributes
     ----------
-    lines : tuple of int
+    lines : (N,) int64
         The number of each row's line in the file.
-    columns : dict
+    columns : dict of (N,) float64
         The values of each coordinate, in the mechanism's units.
-    times : list of float or None
+    times : (N,) float64 or None
         s; None without a column ``t``.
     notes : tuple of str
         What the user should know: columns left aside, from when times count.
     """
 
-    lines: tuple[int, ...]
-    columns: dict[str, list[float]]
-    times: list[float] | None
+    lines: NDArray[np.int64]
+    columns: dict[str, Vector]
+    times: Vector | None
     notes: tuple[str, ...]
 
-    def poses(self) -> list[dict[str, float]]:
-        """Return the values row by row."""
-        return [
-            dict(zip(self.columns, row, strict=True))
-            for row in zip(*self.columns.values(), strict=True)
-        ]
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.lines)
+
+    def poses(self, first: int = 0, last: int | None = None) -> list[dict[str, float]]:
+        """Return the values row by row, of all rows or from the first to before the last."""
+        part = [column[first:last].tolist() for column in self.columns.values()]
+        return [dict(zip(self.columns, row, strict=True)) for row in zip(*part, strict=True)]
 
 
 def parse_number(where: str, name: str, text: str, unit: str = "1") -> float:
@@ -89,50 +95,97 @@ def read_rows(
         Naming the file, and the line of a cell that is no finite number.
     """
     place = f"{where}: {path}"
-    table = read_table(path, place, [c.name for c in coordinates])
-    units = {c.name: mechanism.unit(c) for c in coordinates}
-    degrees = {f"{c.name}_deg": c.name for c in coordinates if c.kind == "angle"}
-    found: dict[str, list[float]] = {}
-    aside = []
-    for k, name in enumerate(table.names):
-        base = name if name in units else degrees.get(name)
-        if base is None:
-            aside += [name] if name != TIME else []
-            continue
-        if base in found:
-            raise InputError(f"{place}: {base} is given twice")
-        found[base] = _values(table, k, units[base], "deg" if base != name else None, place)
-    for name in units:
-        if name not in found:
-            raise InputError(
-                f"{place}: {name} is missing, needed: {', '.join(units)}; "
-                f"the header has {', '.join(table.names)}"
-            )
+    with open_table(path, place, [c.name for c in coordinates]) as table:
+        units = {c.name: mechanism.unit(c) for c in coordinates}
+        degrees = {f"{c.name}_deg": c.name for c in coordinates if c.kind == "angle"}
+        found: dict[str, _Column] = {}
+        aside = []
+        for k, name in enumerate(table.names):
+            base = name if name in units else degrees.get(name)
+            if base is None:
+                aside += [name] if name != TIME else []
+                continue
+            if base in found:
+                raise InputError(f"{place}: {base} is given twice")
+            own = "deg" if base != name else None
+            found[base] = _Column(name, k, _unit(table, k, units[base], place) or own, units[base])
+        for name in units:
+            if name not in found:
+                raise InputError(
+                    f"{place}: {name} is missing, needed: {', '.join(units)}; "
+                    f"the header has {', '.join(table.names)}"
+                )
+        clock = None
+        if TIME in table.names:
+            k = table.names.index(TIME)
+            clock = _Clock(TIME, k, _unit(table, k, "s", place), "s")
+        wanted = [*found.values(), *([clock] if clock else [])]
+        lines = array("q")
+        for line, row in table:
+            lines.append(line)
+            for column in wanted:
+                column.add(row, place, line)
     notes = [f"{place}: columns left aside: {', '.join(aside)}"] if aside else []
     times = None
-    if TIME in table.names:
-        times, note = _times(table, place)
-        notes += [note] if note else []
-    return Rows(table.lines, {name: found[name] for name in units}, times, tuple(notes))
+    if clock is not None:
+        times = clock.times()
+        notes += [f"{place}: {clock.note} of line {lines[0]}"] if clock.note else []
+    return Rows(
+        np.array(lines, dtype=np.int64), {name: found[name].array() for name in units}, times,
+        tuple(notes),
+    )  # fmt: skip
 
 
-def _values(table: Table, column: int, wanted: str, own: str | None, place: str) -> list[float]:
-    """Return the values of a column in a unit.
+class _Column:
+    """The values of a column in a unit.
 
-    A cell's own unit comes first, then the head's, then ``own``, the one that the name implies.
+    A cell's own unit comes first, then the head's, then the one that the name implies: ``unit``.
     """
-    name = table.names[column]
-    unit = _unit(table, column, wanted, place) or own
-    values = []
-    for line, row in zip(table.lines, table.cells, strict=True):
-        text = row[column]
-        if unit is not None and _is_bare(text):
-            text = f"{text} {unit}"
-        values.append(parse_number(f"{place}, line {line}", name, text, wanted))
-    return values
+
+    def __init__(self, name: str, place: int, unit: str | None, wanted: str) -> None:
+        self.name, self.place, self.unit, self.wanted = name, place, unit, wanted
+        self.values = array("d")
+
+    def add(self, row: tuple[str, ...], where: str, line: int) -> None:
+        """Take the cell of a row."""
+        text = row[self.place]
+        if self.unit is not None and _is_bare(text):
+            text = f"{text} {self.unit}"
+        self.values.append(parse_number(f"{where}, line {line}", self.name, text, self.wanted))
+
+    def array(self) -> Vector:
+        """Return the values."""
+        return np.array(self.values)
 
 
-def _unit(table: Table, column: int, wanted: str, place: str) -> str | None:
+class _Clock(_Column):
+    """The column of times; in full digits from the first one on, where that is far from 0."""
+
+    def __init__(self, name: str, place: int, unit: str | None, wanted: str) -> None:
+        super().__init__(name, place, unit, wanted)
+        self.note: str | None = None
+        self._first: Fraction | None = None
+        self._since = array("d")
+
+    def add(self, row: tuple[str, ...], where: str, line: int) -> None:
+        """Take the cell of a row."""
+        super().add(row, where, line)
+        text, unit = row[self.place], self.unit or "s"
+        if len(self.values) == 1 and abs(self.values[0]) >= _EPOCH and _is_bare(text):
+            self._first = exact_number(text) * parse_unit(unit).factor
+            self.note = f"times count from t = {text} {unit}"
+        elif self._first is not None and not _is_bare(text):
+            self._first = self.note = None
+        if self._first is not None:
+            exact = exact_number(text) * parse_unit(unit).factor
+            self._since.append(float(exact - self._first))
+
+    def times(self) -> Vector:
+        """Return the times in s."""
+        return self.array() if self._first is None else np.array(self._since)
+
+
+def _unit(table: Reader, column: int, wanted: str, place: str) -> str | None:
     """Return the unit in the head of a column, checked."""
     unit = table.units[column]
     if unit is not None:
@@ -149,19 +202,3 @@ def _is_bare(text: str) -> bool:
         return math.isfinite(float(text))
     except ValueError:
         return False
-
-
-def _times(table: Table, place: str) -> tuple[list[float], str | None]:
-    """Return times in s, and a note where they count from the first one."""
-    column = table.names.index(TIME)
-    times = _values(table, column, "s", None, place)
-    cells = table.column(TIME)
-    if abs(times[0]) < _EPOCH or not all(map(_is_bare, cells)):
-        return times, None
-    unit = table.units[column] or "s"
-    factor = parse_unit(unit).factor
-    exact: list[Fraction] = [exact_number(cell) * factor for cell in cells]
-    return (
-        [float(value - exact[0]) for value in exact],
-        f"{place}: times count from t = {cells[0]} {unit} of line {table.lines[0]}",
-    )

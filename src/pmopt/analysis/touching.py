@@ -17,6 +17,8 @@ from pmopt.mechanisms.base import Vector
 Values = NDArray[np.float64]
 #: Points of a motion that are looked at, at least; most between two instants.
 _LOOKS, _MOST_INNER = 1 << 16, 64
+#: Points that are looked at at once.
+_BLOCK = 1 << 17
 #: Least values that are located, the smallest first.
 _LOCATED = 512
 #: Rows: powers of the share s of an interval; columns: value, rate and acceleration at its
@@ -145,7 +147,10 @@ def least_sizes(
     shares = np.arange(inner + 1) / (inner + 1)
     first = np.repeat(whole, len(shares))
     share = np.tile(shares, len(whole))
-    sizes = size(between(t, jets, first, share).values)
+    sizes = np.concatenate([
+        size(between(t, jets, first[k : k + _BLOCK], share[k : k + _BLOCK]).values)
+        for k in range(0, len(first), _BLOCK)
+    ])  # fmt: skip
     # The grid runs on from interval to interval, also to the end of the last of a stretch.
     ends = np.flatnonzero(np.diff(whole, append=whole[-1] + 2) > 1)
     last = size(jets.values[whole[ends] + 1])

@@ -63,7 +63,7 @@ def instants(start: float, duration: float, step: float, where: str) -> Vector:
     if not count < MAX_INSTANTS:
         raise InputError(
             f"{where}: step={step:g} is not allowed: {count:.3g} instants in {duration:g} s, at "
-            f"most {MAX_INSTANTS} are"
+            f"most {MAX_INSTANTS} are, which take 1 to 2 GB of memory"
         )
     if count < 1 - 1e-9:
         raise InputError(f"{where}: step={step:g} s is longer than the motion, {duration:g} s")

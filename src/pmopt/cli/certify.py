@@ -39,16 +39,17 @@ EXIT_UNVERIFIED = 4
     "--time-budget",
     type=options.Quantity("s"),
     metavar="SECONDS",
-    default=30.0,
-    show_default=True,
-    help="Time after which the claim is left undecided.",
+    help="Work after which the claim is left undecided, compilation not counted. Default: 30 s, "
+    "none with --box-budget.",
 )
+@options.box_budget_option
 @options.out_options
 @options.common_options
 def certify_command(
     mechanism: Mechanism, params: tuple[str, ...], domain: tuple[str, ...],
     limits: tuple[str, ...], min_lci: float | None, working_mode: str | None, kind: str | None,
-    characteristic_length: float | str | None, norm: str, time_budget: float,
+    characteristic_length: float | str | None, norm: str, time_budget: float | None,
+    box_budget: int | None,
     out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
 ) -> int:  # fmt: skip
     """Prove or refute that no reachable pose of a box is singular, or that each has LCI >= X.
@@ -77,8 +78,11 @@ def certify_command(
         WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "certify"
     )
     notify = notifier(quiet)
+    if time_budget is None and box_budget is None:
+        time_budget = certify_run.DEFAULT_SECONDS
+    budgets = certify_run.Budgets(time_budget, box_budget)
     result = certify_run.run_claim(
-        mechanism, options.design_parameters(mechanism, params), settings, time_budget, out,
+        mechanism, options.design_parameters(mechanism, params), settings, budgets, out,
         force=force, notify=notify,
     )  # fmt: skip
     emit(

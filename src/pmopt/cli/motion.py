@@ -43,6 +43,7 @@ def motion_command(
     from pmopt.files import write_atomic
     from pmopt.reporting import motion_run
     from pmopt.reporting.gallery import wanted
+    from pmopt.reporting.streams import csv_pieces
 
     task = load_motion(config, sets)
     options.say_unusual(task.mechanism.beyond_bounds(task.parameters, str(config)))
@@ -55,13 +56,14 @@ def motion_command(
         raise InputError("--fps: only together with --animate")
     notify = notifier(quiet)
     run = motion_run.run_motion(task, out, force=force, threads=threads, notify=notify)
-    tables = motion_run.motion_tables(run)
-    if form == "csv" and not run.infeasible:
-        tables = [motion_run.motion_table(run)]
     if form != "table":  # where they stand below it
         for note in run.planned.notes:
             notify(note)
-    emit(form, run.to_dict(), tables)
+    if form == "csv" and not run.infeasible:
+        for text in csv_pieces(motion_run.motion_tables_of(run)):
+            click.echo(text, nl=False)
+    else:
+        emit(form, run.to_dict(), motion_run.motion_tables(run))
     if run.infeasible:
         raise InputError(run.complaint())
     if out is not None:

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from pmopt.analysis import kinematics
-from pmopt.analysis.kinematics import ForwardResult, InverseResult
-from pmopt.analysis.rows import read_rows
+from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult, OutOfReach
+from pmopt.analysis.rows import Rows, read_rows
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
+from pmopt.mechanisms.base import LARGEST_COORDINATE, Coordinate
 from pmopt.reporting import tables
+from pmopt.reporting.streams import BLOCK, Stream, form_of
+
+_Block = tuple[list[dict[str, float]], list[str]]
+
+
+#: What follows the number of rows that a table leaves out.
+_MORE = "--format csv, or --out FILE, gives all"
+_out_options = (
+    click.option("--out", type=options.Place(), metavar="FILE.csv|.json",
+                 help="Of many: a file of all of them, beside what is printed."),
+    click.option("--force", is_flag=True, help="Overwrite the file."),
+)  # fmt: skip
 
 
 def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
@@ -22,10 +38,55 @@ def _one_of(inline: tuple[str, ...], path: Path | None, names: str) -> None:
         raise InputError(f"{names}: exactly one of the two is needed")
 
 
-def _raise_misses(misses: list[str], count: int) -> None:
-    """Raise one error for all rows that are out of reach."""
-    if misses:
-        raise UnreachableError(f"{misses[0]} ({len(misses)} of {count} rows)")
+def _check_out(out: Path | None, force: bool, many: str, path: Path | None) -> None:
+    """Refuse a file that cannot be written, before anything is computed."""
+    if out is None:
+        return
+    if path is None:
+        raise InputError(f"--out: only together with {many}")
+    form_of(out, "--out")
+    if out.exists() and not force:
+        raise InputError(f"--out: {out} exists; --force overwrites it")
+
+
+class _Misses:
+    """How many rows are out of reach, and what the first of them is."""
+
+    def __init__(self) -> None:
+        self.count = self.rows = 0
+        self.first = ""
+
+    def take(self, reason: Callable[[], object]) -> None:
+        """Take a row that is out of reach."""
+        self.first = self.first or str(reason())
+        self.count += 1
+
+    def settle(self) -> None:
+        """Raise one error for all rows that are out of reach."""
+        if self.count:
+            raise UnreachableError(f"{self.first} ({self.count} of {self.rows} rows)")
+
+
+def _blocks(rows: Rows, option: str, path: Path, misses: _Misses) -> Iterator[_Block]:
+    """Yield the rows of a file, some at a time, with what errors call them."""
+    for first in range(0, len(rows), BLOCK):
+        part = rows.poses(first, first + BLOCK)
+        lines = rows.lines[first : first + BLOCK].tolist()
+        misses.rows += len(part)
+        yield part, [f"{option}: {path}, line {line}" for line in lines]
+
+
+def _emit(stream: Stream[Any], form: str, title: str, out: Path | None, quiet: bool) -> None:
+    """Print results as they come, or the first rows of their table, and write them to a file."""
+    if out is not None:
+        stream = stream.write(out, form_of(out, "--out"))
+    if form == "table":
+        emit(form, None, [stream.head(title, _MORE)])
+    else:
+        for _, text in stream.pieces(form):
+            click.echo(text, nl=False)
+    if out is not None:
+        notifier(quiet)(f"written to {out}")
 
 
 @click.command("ik")
@@ -36,55 +97,64 @@ def _raise_misses(misses: list[str], count: int) -> None:
 @click.option("--working-mode", default="all", show_default=True, help="A working mode, or all.")
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
               help="Joint limits that within_limits holds against.")  # fmt: skip
+@_out_options[0]
+@_out_options[1]
 @options.common_options
 def ik_command(
     mechanism: Mechanism, pose: tuple[str, ...], poses: Path | None, params: tuple[str, ...],
-    working_mode: str, limits: tuple[str, ...], form: str, quiet: bool, debug: bool,
+    working_mode: str, limits: tuple[str, ...], out: Path | None, force: bool,
+    form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Inverse kinematics: the joint positions of a pose in all working modes.
 
     A mode that exists but is not within its limits is listed, with what it exceeds and by how much.
     Exit code 2 where no mode at all keeps the mechanism's own strokes.
 
+    Many poses are solved some hundred at a time: rows of CSV and JSON come as they are solved, a
+    table shows the first 20.
+
     \b
     Example:
       pmopt ik 2pauu-ppap --pose x=0.1,y=0.2,z=1.2
     """
     _one_of(pose, poses, "--pose, --poses")
+    _check_out(out, force, "--poses", poses)
     given = options.design_parameters(mechanism, params)
     ranges = options.parse_ranges(limits, "--limits", mechanism)
     mechanism.check_ranges(ranges, mechanism.limited, "--limits")
     if working_mode != "all":
         mechanism.check_mode(working_mode, "--working-mode")
-
-    def solve(values: dict[str, Any], where: str) -> InverseResult:
-        return kinematics.inverse_kinematics(
-            mechanism, given, values, working_mode, ranges, where=where
-        )
-
     if poses is None:
-        result = solve(options.split_pairs(pose, "--pose"), "--pose")
+        result = kinematics.inverse_kinematics(
+            mechanism, given, options.split_pairs(pose, "--pose"), working_mode, ranges, "--pose"
+        )
         emit(form, result.to_dict(), [tables.inverse_table([result])])
         if result.out_of_reach is not None:
             raise UnreachableError(result.out_of_reach)
         return
-    rows = read_rows(poses, "--poses", mechanism, mechanism.pose)
-    for note in rows.notes:
-        notifier(quiet)(note)
+    rows = _read(poses, "--poses", mechanism, mechanism.pose, quiet)
+    solver = kinematics.Inverting(mechanism, given, working_mode, ranges)
+    solver.say(notifier(quiet))
+    misses = _Misses()
 
-    results: list[InverseResult] = []
-    misses: list[str] = []
-    for line, row in zip(rows.lines, rows.poses(), strict=True):
-        try:
-            results.append(solve(row, f"--poses: {poses}, line {line}"))
-        except UnreachableError as error:
-            misses.append(str(error))
-            checked = mechanism.check_coordinates(row, mechanism.pose, "--poses")
-            results.append(kinematics.no_inverse(mechanism, checked))
-        else:
-            misses += filter(None, [results[-1].out_of_reach])
-    emit(form, [r.to_dict() for r in results], [tables.inverse_table(results, many=True)])
-    _raise_misses(misses, len(rows.lines))
+    def solved() -> Iterator[list[InverseResult]]:
+        for part, places in _blocks(rows, "--poses", poses, misses):
+            results = []
+            for one in solver.at(part, places):
+                if isinstance(one, kinematics.OutOfReach):
+                    misses.take(one.error)
+                    one = kinematics.no_inverse(mechanism, one.pose)
+                elif one.out_of_reach is not None:
+                    misses.take(partial(str, one.out_of_reach))
+                results.append(one)
+            yield results
+
+    stream = Stream(
+        solved(), lambda some, first: tables.inverse_table(some, True, first),
+        InverseResult.to_dict, lambda one: max(len(one.solutions), 1),
+    )  # fmt: skip
+    _emit(stream, form, f"{mechanism.name}, {{count}} poses", out, quiet)
+    misses.settle()
 
 
 @click.command("fk")
@@ -99,10 +169,12 @@ def ik_command(
     help="A pose: only the assembly mode nearest to it.",
 )
 @options.params_option
+@_out_options[0]
+@_out_options[1]
 @options.common_options
 def fk_command(
     mechanism: Mechanism, joints: tuple[str, ...], joints_file: Path | None, near: tuple[str, ...],
-    params: tuple[str, ...], form: str, quiet: bool, debug: bool,
+    params: tuple[str, ...], out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Forward kinematics: the poses the joint positions can be assembled in, nearest to home first.
 
@@ -115,6 +187,7 @@ def fk_command(
       pmopt fk 2pauu-ppap --joints theta1=0.4,theta2=0.1,d=0.2
     """
     _one_of(joints, joints_file, "--joints, --joints-file")
+    _check_out(out, force, "--joints-file", joints_file)
     goal = options.split_pairs(near, "--near") if near else None
     kinematics.Assembling(mechanism).say(notifier(quiet))
     given = options.design_parameters(mechanism, params)
@@ -124,57 +197,106 @@ def fk_command(
         result = kinematics.forward_kinematics(mechanism, given, values, "--joints", goal)
         emit(form, result.to_dict(), [tables.forward_table([result])])
         return
-    rows = read_rows(joints_file, "--joints-file", mechanism, mechanism.joints)
-    for note in rows.notes:
-        notifier(quiet)(note)
-    places = [f"--joints-file: {joints_file}, line {line}" for line in rows.lines]
-    table = rows.poses()
-    results: list[ForwardResult] = []
-    misses: list[str] = []
-    found = kinematics.forward_many(mechanism, given, table, places, goal)
-    for row, one in zip(table, found, strict=True):
-        if isinstance(one, UnreachableError):
-            misses.append(str(one))
-            checked = mechanism.check_coordinates(row, mechanism.joints, "--joints-file")
-            one = kinematics.no_forward(mechanism, checked)
-        results.append(one)
-    emit(form, [r.to_dict() for r in results], [tables.forward_table(results, many=True)])
-    _raise_misses(misses, len(rows.lines))
+    rows = _read(joints_file, "--joints-file", mechanism, mechanism.joints, quiet)
+    misses = _Misses()
+
+    def solved() -> Iterator[list[ForwardResult]]:
+        for part, places in _blocks(rows, "--joints-file", joints_file, misses):
+            results = []
+            found = kinematics.forward_many(mechanism, given, part, places, goal)
+            for row, one in zip(part, found, strict=True):
+                if isinstance(one, UnreachableError):
+                    misses.take(partial(str, one))
+                    checked = mechanism.check_coordinates(row, mechanism.joints, "--joints-file")
+                    one = kinematics.no_forward(mechanism, checked)
+                results.append(one)
+            yield results
+
+    stream = Stream(
+        solved(), lambda some, first: tables.forward_table(some, True, first),
+        ForwardResult.to_dict, lambda one: max(len(one.solutions), 1),
+    )  # fmt: skip
+    _emit(stream, form, f"{mechanism.name}, {{count}} rows", out, quiet)
+    misses.settle()
 
 
 @click.command("jacobian")
 @options.mechanism_argument
-@click.option("--pose", multiple=True, required=True, metavar="NAME=VALUE,..", help="The pose.")
+@click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="The pose.")
+@click.option("--poses", type=options.Place(), metavar="FILE.csv", help="Many poses, a row each.")
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
 @options.limits_option
 @options.jacobian_options[0]
 @options.jacobian_options[1]
 @options.jacobian_options[2]
+@_out_options[0]
+@_out_options[1]
 @options.common_options
 def jacobian_command(
-    mechanism: Mechanism, pose: tuple[str, ...], params: tuple[str, ...],
+    mechanism: Mechanism, pose: tuple[str, ...], poses: Path | None, params: tuple[str, ...],
     working_mode: str | None, limits: tuple[str, ...], kind: Any,
-    characteristic_length: float | str | None, norm: str,
+    characteristic_length: float | str | None, norm: str, out: Path | None, force: bool,
     form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
-    """Jacobian, singular values, LCI and the distance to singularities at a pose.
+    """Jacobian, singular values, LCI and the distance to singularities at a pose, or at many.
+
+    Of many poses each is a row: indices, singular values, distances and determinants, and whether
+    it is singular. A pose out of reach leaves its row empty and ends with exit code 2.
 
     \b
     Example:
       pmopt jacobian 2pauu-ppap --pose x=0.1,y=0.2,z=1.2
     """
-    result = kinematics.jacobian_at(
+    _one_of(pose, poses, "--pose, --poses")
+    _check_out(out, force, "--poses", poses)
+    asked = kinematics.Jacobians(
         mechanism,
         options.design_parameters(mechanism, params),
-        options.split_pairs(pose, "--pose"),
         mechanism.check_mode(working_mode, "--working-mode"),
-        kind=kind,
-        characteristic_length=characteristic_length,
-        norm=norm,
-        limits=options.parse_ranges(limits, "--limits", mechanism),
-        where="--pose",
+        kinematics.Index(kind, characteristic_length, norm),
+        options.parse_ranges(limits, "--limits", mechanism),
     )
-    emit(
-        form, result.to_dict(), tables.jacobian_tables(result), [tables.jacobian_data(result)]
-    )  # fmt: skip
+    if poses is None:
+        (result,) = asked.at([options.split_pairs(pose, "--pose")], ["--pose"])
+        if isinstance(result, kinematics.OutOfReach):
+            raise result.error()
+        emit(
+            form, result.to_dict(), tables.jacobian_tables(result), [tables.jacobian_data(result)]
+        )  # fmt: skip
+        return
+    rows = _read(poses, "--poses", mechanism, mechanism.pose, quiet)
+    asked.inverting.say(notifier(quiet))
+    misses = _Misses()
+
+    def solved() -> Iterator[list[JacobianResult | OutOfReach]]:
+        for part, places in _blocks(rows, "--poses", poses, misses):
+            results = asked.at(part, places)
+            for one in results:
+                if isinstance(one, kinematics.OutOfReach):
+                    misses.take(one.error)
+            yield results
+
+    stream = Stream(
+        solved(),
+        lambda some, first: tables.jacobians_table(some, asked, first),
+        lambda one: tables.jacobian_document(one, asked),
+    )
+    title = f"{mechanism.name}, {asked.mode}, {{count}} poses"
+    _emit(stream, form, title, out, quiet)
+    misses.settle()
+
+
+def _read(
+    path: Path, option: str, mechanism: Mechanism, coordinates: tuple[Coordinate, ...], quiet: bool
+) -> Rows:
+    """Return the rows of a file, all of them checked, with what is worth a word said."""
+    rows = read_rows(path, option, mechanism, coordinates)
+    for note in rows.notes:
+        notifier(quiet)(note)
+    for coordinate in coordinates:
+        far = np.flatnonzero(np.abs(rows.columns[coordinate.name]) > LARGEST_COORDINATE)
+        for k in far[:1].tolist():
+            place = f"{option}: {path}, line {rows.lines[k]}"
+            mechanism.check_coordinates(rows.poses(k, k + 1)[0], coordinates, place)
+    return rows

@@ -117,9 +117,9 @@ def _follow(
         mechanism,
         options.design_parameters(mechanism, params),
         rows.poses(),
-        rows.times,
+        None if rows.times is None else rows.times.tolist(),
         mechanism.check_mode(working_mode, "--working-mode"),
         where=f"--path: {path}",
-        rows=rows.lines,
+        rows=rows.lines.tolist(),
     )
     emit(form, result.to_dict(), path_tables(result))

@@ -124,8 +124,9 @@ if TYPE_CHECKING:
     "--time-budget",
     type=options.Quantity("s"),
     metavar="SECONDS",
-    help="With --certify: stop with the bounds so far.",
+    help="With --certify: stop with the bounds so far; compilation does not count.",
 )
+@options.box_budget_option
 @options.threads_option
 @options.scheduler_option
 @options.out_options
@@ -141,7 +142,8 @@ def workspace_command(
     aspect: str | None, block: str | None, link_diameter: float | None,
     platform_diameter: float | None,
     cone_angle: float | None, tool: str | None, shape_grid: int | None,
-    certify: float | None, time_budget: float | None, threads: int | None, scheduler: str | None,
+    certify: float | None, time_budget: float | None, box_budget: int | None,
+    threads: int | None, scheduler: str | None,
     out: Path | None, force: bool, resume: bool, dry_run: bool, form: str, quiet: bool,
     debug: bool,
 ) -> None:  # fmt: skip
@@ -196,11 +198,12 @@ def workspace_command(
                 raise InputError(f"--{name}: not together with --certify, which samples nothing")
         _certify(
             mechanism, options.design_parameters(mechanism, params), settings, certify,
-            time_budget, out, force, form, quiet,
+            (time_budget, box_budget), out, force, form, quiet,
         )  # fmt: skip
         return
-    if time_budget is not None:
-        raise InputError("--time-budget: only together with --certify")
+    for name, value in {"time-budget": time_budget, "box-budget": box_budget}.items():
+        if value is not None:
+            raise InputError(f"--{name}: only together with --certify")
     dimension = len(mechanism.pose)
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     task = WorkspaceTask(
@@ -238,15 +241,17 @@ def workspace_command(
 
 def _certify(
     mechanism: Mechanism, parameters: Parameters, settings: WorkspaceSettings, gap: float,
-    time_budget: float | None, out: Path | None, force: bool, form: str, quiet: bool,
+    budgets: tuple[float | None, int | None], out: Path | None, force: bool, form: str,
+    quiet: bool,
 ) -> None:  # fmt: skip
     from pmopt.analysis.emptiness import nothing_reachable
     from pmopt.reporting import certify_run
 
     notify = notifier(quiet)
     result = certify_run.run_volume(
-        mechanism, parameters, settings, gap, time_budget, out, force=force, notify=notify
-    )
+        mechanism, parameters, settings, gap, certify_run.Budgets(*budgets), out, force=force,
+        notify=notify,
+    )  # fmt: skip
     emit(
         form, result.to_dict(), certify_run.volume_tables(result),
         certify_run.certified_data(result),

@@ -7,12 +7,16 @@ import math
 import os
 import select
 import stat
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 #: Largest file that is read whole, in bytes.
 LARGEST = 1 << 28
+#: Largest file that is read line by line.
+LARGEST_OF_LINES = 1 << 34
 #: Deepest nesting that is taken for one of our files, or a person's.
 DEEPEST = 64
 #: Largest whole number in one of our files.
@@ -44,22 +48,60 @@ def read_given(path: Path, largest: int = LARGEST) -> bytes:
 
 
 def _read(path: Path, largest: int, pipes: bool) -> bytes:
-    # A pipe without a writer would keep a plain open waiting for good.
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(handle, "rb") as stream:
-        found = os.fstat(handle)
-        if pipes and stat.S_ISFIFO(found.st_mode):
-            return _drained(handle, path, largest)
-        if not stat.S_ISREG(found.st_mode):
-            raise _refused(path, "is no file")
-        if found.st_size > largest:
-            raise _refused(path, f"is larger than {largest} bytes")
+    with _opened(path) as stream:
+        if pipes and _is_pipe(stream):
+            return b"".join(_drained(stream.fileno(), path, largest))
+        _check_file(stream, path, largest)
         return stream.read(largest + 1)
 
 
-def _drained(handle: int, path: Path, largest: int) -> bytes:
-    """Return all that is written to a pipe."""
-    parts: list[bytes] = []
+def open_given(path: Path, largest: int = LARGEST_OF_LINES) -> BinaryIO:
+    """Open a file that a person names, so that it can be read more than once; a pipe is copied.
+
+    Raises
+    ------
+    OSError
+        See :func:`read_file`.
+    """
+    stream = _opened(path)
+    try:
+        if _is_pipe(stream):
+            # The caller closes it.
+            copy = tempfile.TemporaryFile()  # noqa: SIM115
+            try:
+                for part in _drained(stream.fileno(), path, largest):
+                    copy.write(part)
+            except BaseException:
+                copy.close()
+                raise
+            stream.close()
+            return copy
+        _check_file(stream, path, largest)
+    except BaseException:
+        stream.close()
+        raise
+    return stream
+
+
+def _opened(path: Path) -> BinaryIO:
+    # A pipe without a writer would keep a plain open waiting for good.
+    return os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+
+
+def _is_pipe(stream: BinaryIO) -> bool:
+    return stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode)
+
+
+def _check_file(stream: BinaryIO, path: Path, largest: int) -> None:
+    found = os.fstat(stream.fileno())
+    if not stat.S_ISREG(found.st_mode):
+        raise _refused(path, "is no file")
+    if found.st_size > largest:
+        raise _refused(path, f"is larger than {largest} bytes")
+
+
+def _drained(handle: int, path: Path, largest: int) -> Iterator[bytes]:
+    """Yield all that is written to a pipe."""
     size = 0
     began = time.monotonic()
     while True:
@@ -69,12 +111,12 @@ def _drained(handle: int, path: Path, largest: int) -> bytes:
             select.select([handle], [], [])
             continue
         if part:
-            parts.append(part)
             size += len(part)
             if size > largest:
                 raise _refused(path, f"gives more than {largest} bytes")
-        elif parts:
-            return b"".join(parts)
+            yield part
+        elif size:
+            return
         elif time.monotonic() - began > _WAIT:
             raise _refused(path, "is a pipe that nothing writes to")
         else:

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 
 from pmopt.errors import InputError
 from pmopt.inputs.examples import advice
-from pmopt.inputs.text import read_text
+from pmopt.inputs.text import open_lines
 
 _SEPARATORS = (";", "\t", ",")
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma"}
@@ -51,81 +53,145 @@ class Table:
         return tuple(row[place] for row in self.cells)
 
 
-def read_table(path: Path, where: str, columns: Sequence[str] = ()) -> Table:
-    """Read a CSV file.
+#: Lines of a file that are read at most.
+MAX_LINES = 10_000_000
+
+
+class Reader:
+    """The rows of a table, as often as they are asked for, in little memory.
+
+    Iterating yields the number of a row's line and its cells, numbers with a decimal point.
 
     Parameters
     ----------
-    path : Path
+    lines : iterable of str
+        That can be iterated again.
     where : str
         What errors call the file.
     columns : sequence of str
         Those that are wanted, for the error of an empty file.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns.
+    units : tuple of str or None
+        As they stand in the heads; None where there is none.
+
+    Raises
+    ------
+    InputError
+        Naming the file, and the line of what cannot be read; of rows when they are read.
+    """
+
+    def __init__(self, lines: Iterable[str], where: str, columns: Sequence[str] = ()) -> None:
+        self._lines, self._where = lines, where
+        physical = iter(lines)
+        first = next(physical, "")
+        self._skipped = 1 if re.fullmatch(r"sep=.\s*", first) else 0
+        kept = map(_uncommented, physical if self._skipped else chain([first], physical))
+        header = next((line for line in kept if line.strip()), "")
+        self._separator = first[4] if self._skipped else _separator(header)
+        rows = self._rows()
+        head = next(rows, (0, ()))[1]
+        if not head or next(rows, None) is None:
+            needed = f"; columns needed: {', '.join(columns)}" if columns else ""
+            raise InputError(f"{where}: has no rows{needed}")
+        while head and not head[-1].strip():  # a separator at the end of every line
+            head = head[:-1]
+        self.names: tuple[str, ...]
+        self.units: tuple[str | None, ...]
+        self.names, self.units = zip(
+            *(_head(cell, where, self._separator) for cell in head), strict=True
+        )
+        for name in self.names:
+            if self.names.count(name) > 1:
+                raise InputError(f"{where}: column {name} is given twice")
+        self._comma = self._separator != "," and any(
+            _DECIMAL_COMMA.fullmatch(cell) for _, cells in self._body() for cell in cells
+        )
+
+    def __iter__(self) -> Iterator[tuple[int, tuple[str, ...]]]:
+        """Yield the rows below the head."""
+        where, width = self._where, len(self.names)
+        for number, cells in self._body():
+            while len(cells) > width and not cells[-1].strip():
+                cells = cells[:-1]
+            if len(cells) != width:
+                raise InputError(
+                    f"{where}, line {number}: {len(cells)} cells, the header has {width} "
+                    f"(separated by {_NAMES.get(self._separator, repr(self._separator))})"
+                )
+            if self._comma:
+                place = f"{where}, line {number}"
+                yield number, tuple(_plain(cell, place) for cell in cells)
+            else:
+                yield number, tuple(map(str.strip, cells))
+
+    def _body(self) -> Iterator[tuple[int, tuple[str, ...]]]:
+        return islice(self._rows(), 1, None)
+
+    def _rows(self) -> Iterator[tuple[int, tuple[str, ...]]]:
+        """Yield the lines that hold anything, the head's first."""
+        # Comments stay as empty lines, so that numbers of lines hold.
+        kept = map(_uncommented, islice(self._lines, self._skipped, None))
+        reader = csv.reader(kept, delimiter=self._separator)
+        try:
+            for cells in reader:
+                if any(cell.strip() for cell in cells):
+                    yield reader.line_num + self._skipped, tuple(cells)
+        except csv.Error as error:
+            raise InputError(f"{self._where}: is no CSV file: {error}") from None
+
+
+@contextmanager
+def open_table(path: Path, where: str, columns: Sequence[str] = ()) -> Iterator[Reader]:
+    """Open a CSV file.
+
+    Parameters
+    ----------
+    path, where, columns
+        See :class:`Reader`.
 
     Raises
     ------
     InputError
         Naming the file, and the line of what cannot be read.
     """
-    try:
-        text = read_text(path, legacy=True)
-    except FileNotFoundError:
-        raise InputError(f"{where}: no such file{advice(path)}") from None
-    except OSError as error:
-        raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InputError(f"{where}: is no CSV file: {error}") from None
-    return parse_table(text, where, columns)
+    with ExitStack() as stack:
+        try:  # all of it is decoded here
+            lines = stack.enter_context(open_lines(path, legacy=True))
+        except FileNotFoundError:
+            raise InputError(f"{where}: no such file{advice(path)}") from None
+        except OSError as error:
+            raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
+        except ValueError as error:
+            raise InputError(f"{where}: is no CSV file: {error}") from None
+        if lines.count > MAX_LINES:
+            raise InputError(
+                f"{where}: {lines.count} lines are not allowed: at most {MAX_LINES} are read"
+            )
+        yield Reader(lines, where, columns)
+
+
+def read_table(path: Path, where: str, columns: Sequence[str] = ()) -> Table:
+    """Read a CSV file as a whole; see :func:`open_table`."""
+    with open_table(path, where, columns) as reader:
+        return _whole(reader)
 
 
 def parse_table(text: str, where: str, columns: Sequence[str] = ()) -> Table:
-    """Read a table from text; see :func:`read_table`."""
-    physical = text.splitlines(keepends=True)
-    separator = None
-    skipped = 0
-    if physical and re.fullmatch(r"sep=.\s*", physical[0]):
-        separator, skipped = physical[0][4], 1
-    kept = [
-        "\n" if line.lstrip().startswith("#") else line for line in physical[skipped:]
-    ]  # comments stay as empty lines, so that numbers of lines hold
-    header = next((line for line in kept if line.strip()), "")
-    if separator is None:
-        separator = _separator(header)
-    reader = csv.reader(kept, delimiter=separator)
-    try:
-        rows = [
-            (reader.line_num + skipped, tuple(cells))
-            for cells in reader
-            if any(cell.strip() for cell in cells)
-        ]
-    except csv.Error as error:
-        raise InputError(f"{where}: is no CSV file: {error}") from None
-    if len(rows) < 2:
-        needed = f"; columns needed: {', '.join(columns)}" if columns else ""
-        raise InputError(f"{where}: has no rows{needed}")
-    head = rows[0][1]
-    while head and not head[-1].strip():  # a separator at the end of every line
-        head = head[:-1]
-    names, units = zip(*(_head(cell, where, separator) for cell in head), strict=True)
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{where}: column {name} is given twice")
-    comma = separator != "," and any(
-        _DECIMAL_COMMA.fullmatch(cell) for _, cells in rows[1:] for cell in cells
-    )
-    lines, body = [], []
-    for number, cells in rows[1:]:
-        place = f"{where}, line {number}"
-        while len(cells) > len(names) and not cells[-1].strip():
-            cells = cells[:-1]
-        if len(cells) != len(names):
-            raise InputError(
-                f"{place}: {len(cells)} cells, the header has {len(names)} (separated by "
-                f"{_NAMES.get(separator, repr(separator))})"
-            )
-        lines.append(number)
-        body.append(tuple(_plain(cell, comma, place) for cell in cells))
-    return Table(names, units, tuple(lines), tuple(body))
+    """Read a table from text; see :class:`Reader`."""
+    return _whole(Reader(text.splitlines(keepends=True), where, columns))
+
+
+def _whole(reader: Reader) -> Table:
+    lines, cells = zip(*reader, strict=True)
+    return Table(reader.names, reader.units, lines, cells)
+
+
+def _uncommented(line: str) -> str:
+    return "\n" if line.lstrip().startswith("#") else line
 
 
 def _separator(header: str) -> str:
@@ -148,11 +214,11 @@ def _head(cell: str, where: str, separator: str) -> tuple[str, str | None]:
     return name, unit
 
 
-def _plain(cell: str, comma: bool, place: str) -> str:
-    """Return a cell with a decimal point."""
+def _plain(cell: str, place: str) -> str:
+    """Return a cell of a file with decimal commas with a decimal point."""
     cell = cell.strip()
-    if comma and _DECIMAL_COMMA.fullmatch(cell):
+    if _DECIMAL_COMMA.fullmatch(cell):
         return cell.replace(",", ".")
-    if comma and _DECIMAL_POINT.fullmatch(cell):
+    if _DECIMAL_POINT.fullmatch(cell):
         raise InputError(f"{place}: {cell}: other cells of the file have a decimal comma")
     return cell

@@ -45,6 +45,8 @@ JacobianKind = Literal["raw", "homogenized"]
 #: of lengths leave what doubles can tell apart. Coordinates may lie further out.
 SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e6
 LARGEST_COORDINATE = 1e9
+#: Poses from which on it pays to load or compile what solves them.
+_MANY = 64
 #: Stands for a limb's number where a segment belongs to the platform.
 PLATFORM = -1
 
@@ -337,6 +339,11 @@ class Mechanism(ABC):
     completeness: ClassVar[str] = "no proof is offered that these are all"
     #: In words where joint positions leave the platform free to move.
     freed: ClassVar[str] = "a forward singularity: the platform is free to move"
+    #: How :meth:`inverse` solves where it takes long, so that it can be compiled for many poses;
+    #: its constants are :meth:`inversion_constants`. A row of what is found holds the number of a
+    #: branch (:meth:`branch`), joints, parasitic coordinates and :attr:`inverted_passive`.
+    inverter: ClassVar[Assembler | None] = None
+    inverted_passive: ClassVar[tuple[str, ...]] = ()
     #: Names of the passive U and S joints whose cone angle the skeleton tells.
     cones: ClassVar[tuple[str, ...]] = ()
 
@@ -396,6 +403,59 @@ class Mechanism(ABC):
         self, parameters: Parameters, pose: Mapping[str, float]
     ) -> tuple[InverseSolution, ...]:
         """Return all branches of the inverse kinematics, one a working mode; () out of reach."""
+
+    def inverses(
+        self, parameters: Parameters, poses: Sequence[Mapping[str, float]]
+    ) -> list[tuple[InverseSolution, ...]]:
+        """Return what :meth:`inverse` does of each of many poses, to the last bit."""
+        if self.inverter is None:
+            return [self.inverse(parameters, pose) for pose in poses]
+        return self.inverted(parameters, poses)
+
+    def inverted(
+        self, parameters: Parameters, poses: Sequence[Mapping[str, float]]
+    ) -> list[tuple[InverseSolution, ...]]:
+        """Return the branches that :attr:`inverter` finds, compiled where poses are many.
+
+        Compiled or not, every sum, product and root is the same.
+        """
+        from pmopt.numerics.assembly import assemble_plainly, assemble_rows
+        from pmopt.threads import default_threads, ordered_map
+
+        assert self.inverter is not None
+        table = np.array([[pose[c.name] for c in self.pose] for pose in poses], dtype=float)
+        table = table.reshape(len(poses), len(self.pose))
+        constants = np.array(self.inversion_constants(parameters), dtype=float)
+        if len(poses) < _MANY:
+            found, counts = assemble_plainly(self.inverter, table, constants)
+        else:
+            found, counts = assemble_rows(
+                self.inverter, table, constants,
+                lambda solve, starts: ordered_map(solve, starts, default_threads()),
+            )  # fmt: skip
+        joints = [c.name for c in self.joints]
+        others = [c.name for c in self.parasitic]
+        first, last = 1 + len(joints), 1 + len(joints) + len(others)
+        return [
+            tuple(
+                InverseSolution(
+                    self.branch(int(row[0])),
+                    dict(zip(joints, row[1:first], strict=True)),
+                    dict(zip(others, row[first:last], strict=True)),
+                    dict(zip(self.inverted_passive, row[last:], strict=True)),
+                )
+                for row in rows[:count].tolist()
+            )
+            for rows, count in zip(found, counts[:, 0].tolist(), strict=True)
+        ]
+
+    def branch(self, number: int) -> str:
+        """Return the name of a branch that :attr:`inverter` numbers."""
+        return self.working_modes[number]
+
+    def inversion_constants(self, parameters: Parameters) -> Sequence[float]:
+        """Return the constants of :attr:`inverter` for one design."""
+        raise NotImplementedError
 
     def assembly_constants(self, parameters: Parameters) -> Sequence[float]:
         """Return the constants of :attr:`assembler` for one design."""

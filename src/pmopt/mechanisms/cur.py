@@ -25,6 +25,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -62,6 +63,8 @@ CUR_C2 = -0.5
 CUR_S2 = 0.8660254037844386
 #: A gap in closing beyond this (over L) means that there is no solution.
 CUR_TOLERANCE = 1e-10
+#: Height of a link over L below which it does not tell the working mode.
+NEARLY_FLAT = 1e-6
 #: Longest Newton step of each unknown, lengths over L.
 CUR_LONGEST = 0.5
 
@@ -341,6 +344,117 @@ def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
     return cur_outcome(z, beta, gamma, state, closed, constants)
 
 
+def cur_principal(angle):  # type: ignore[no-untyped-def]
+    """Return -pi, which rounding may give, as pi."""
+    return angle if angle > -math.pi else math.pi
+
+
+def cur_passive(out, across, lean, turn, yaw, place):  # type: ignore[no-untyped-def]
+    """Return theta2 .. theta5 and the elevation of a limb.
+
+    Parameters
+    ----------
+    out, across, lean : tuple of 3
+        r_i, t_i and z of the platform, before it yaws.
+    turn, yaw : tuple of 2
+        Cosine and sine of theta5 and of alpha.
+    place : tuple of 2
+        Cosine and sine of the limb's azimuth.
+    """
+    ct, st = turn
+    c, s = yaw
+    ci, si = place
+    ex = c * across[0] - s * across[1]
+    ey = s * across[0] + c * across[1]
+    ez = across[2]
+    vx = ct * out[0] + st * lean[0]
+    vy = ct * out[1] + st * lean[1]
+    wx = c * vx - s * vy
+    wy = s * vx + c * vy
+    wz = ct * out[2] + st * lean[2]
+    # The U joint's axes: the second one across e and w, the first one across it and level.
+    nx = ey * wz - ez * wy
+    ny = ez * wx - ex * wz
+    nz = ex * wy - ey * wx
+    size = math.sqrt(nx * nx + ny * ny)
+    size = size if size > TINY else TINY
+    fx = -ny / size
+    fy = nx / size
+    sign = 1.0 if fx * ex + fy * ey > 0.0 else -1.0
+    fx = sign * fx
+    fy = sign * fy
+    level = wz if wz < 1.0 else 1.0
+    level = level if level > -1.0 else -1.0
+    return (
+        cur_principal(arc_tangent(0.0 - (fx * ci + fy * si), fy * ci - fx * si)),
+        cur_principal(arc_tangent(nx * fy - ny * fx, 0.0 - nz)),
+        cur_principal(
+            arc_tangent(nx * fy * ez - ny * fx * ez + nz * (fx * ey - fy * ex), fx * ex + fy * ey)
+        ),
+        cur_principal(arc_tangent(st, ct)),
+        arc_tangent(level, math.sqrt((1.0 - level) * (1.0 + level))),
+    )
+
+
+def cur_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
+    """Write the working modes of a pose, a row each; see :attr:`Mechanism.inverter`.
+
+    Returns
+    -------
+    count : int
+    proven : bool
+        Always.
+    """
+    z, beta, gamma = pose[0], pose[1], pose[2]
+    ra, rb, length, d1 = constants[0], constants[1], constants[2], constants[3]
+    sin_b, cos_b = sin_cos(beta)
+    sin_g, cos_g = sin_cos(gamma)
+    tilt = cur_tilt(beta, gamma)
+    count = 0
+    for mode in range(8):
+        up1 = 1.0 if mode < 4 else -1.0
+        up2 = 1.0 if mode % 4 < 2 else -1.0
+        up3 = 1.0 if mode % 2 < 1 else -1.0
+        px, py, c, s, c1, s1, c2, s2, c3, s3, gap = cur_solve(
+            beta, gamma, ra / length, rb / length, up1, up2, up3
+        )
+        r1z, e1z, w1z, r2z, e2z, w2z, r3z, e3z, w3z = cur_heights(
+            beta, gamma, c1, s1, c2, s2, c3, s3
+        )
+        closed = gap <= CUR_TOLERANCE and up1 * w1z >= 0.0
+        if not (closed and up2 * w2z >= 0.0 and up3 * w3z >= 0.0):
+            continue
+        row = found[count]
+        row[0] = mode
+        row[1] = z + (rb * r1z - length * w1z) - d1
+        row[2] = z + (rb * r2z - length * w2z) - d1
+        row[3] = z + (rb * r3z - length * w3z) - d1
+        row[4] = length * (c * px - s * py)
+        row[5] = length * (s * px + c * py)
+        row[6] = cur_principal(arc_tangent(s, c))
+        lean = (tilt[5], tilt[6], cos_b * cos_g)
+        across_x = sin_b * sin_g
+        first = cur_passive(
+            (tilt[0], 0.0, r1z), (across_x, cos_g, e1z), lean, (c1, s1), (c, s), (1.0, 0.0)
+        )
+        second = cur_passive(
+            (tilt[1], tilt[2], r2z),
+            (CUR_C2 * across_x - CUR_S2 * cos_b, CUR_C2 * cos_g, e2z),
+            lean, (c2, s2), (c, s), (CUR_C2, CUR_S2),
+        )  # fmt: skip
+        third = cur_passive(
+            (tilt[3], tilt[4], r3z),
+            (CUR_C2 * across_x + CUR_S2 * cos_b, CUR_C2 * cos_g, e3z),
+            lean, (c3, s3), (c, s), (CUR_C2, -CUR_S2),
+        )  # fmt: skip
+        for k in range(5):
+            row[7 + k] = first[k]
+            row[12 + k] = second[k]
+            row[17 + k] = third[k]
+        count += 1
+    return count, True
+
+
 def cur_state(px, py, alpha, theta1, theta2, theta3):  # type: ignore[no-untyped-def]
     """Return the state at the six unknowns."""
     s, c = sin_cos(alpha)
@@ -555,6 +669,12 @@ class Cur(Mechanism):
     posture = staticmethod(cur_posture)
     roles = ("z", "pitch", "roll")
     assembler = Assembler(cur_assemble, cur_MODES, 8, cur_WORK)
+    inverter = Assembler(cur_invert, len(MODE_SIGNS), 7 + 5 * 3, 1)
+    inverted_passive = tuple(
+        f"{name}_{k}"
+        for k in (1, 2, 3)
+        for name in ("theta2", "theta3", "theta4", "theta5", "elevation")
+    )
     completeness = "by a polynomial of degree 8, whose real roots are counted"
     parasitic_roles = ("x", "y", "yaw")
     followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
@@ -650,23 +770,11 @@ class Cur(Mechanism):
         Of each mode the branch that home belongs to: where Ra + Rb < L there is one more, of the
         platform turned half about z.
         """
-        d1 = _sizes(parameters)[3]
-        solutions = []
-        for mode, signs in MODE_SIGNS.items():
-            links, (x, y, alpha), gap = self._links(parameters, pose, signs)
-            if not gap <= CUR_TOLERANCE or min(link.height for link in links) < 0:
-                continue
-            joints = {
-                f"h{k}": pose["z"] + float(link.b[2] - link.w[2]) - d1
-                for k, link in enumerate(links, 1)
-            }
-            solutions.append(
-                InverseSolution(
-                    mode, joints, {"x": x, "y": y, "alpha": alpha},
-                    self._passive(parameters, pose, alpha, links),
-                )
-            )  # fmt: skip
-        return tuple(solutions)
+        return self.inverted(parameters, [pose])[0]
+
+    def inversion_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`cur_invert`."""
+        return list(_sizes(parameters))
 
     def _links(
         self, parameters: Parameters, pose: Mapping[str, float], signs: tuple[float, ...]
@@ -674,8 +782,7 @@ class Cur(Mechanism):
         """Return the limbs, x, y, alpha and the largest gap over L, of one working mode."""
         ra, rb, length, _ = _sizes(parameters)
         beta, gamma = pose["beta"], pose["gamma"]
-        with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
-            px, py, c, s, *turns, gap = cur_solve(beta, gamma, ra / length, rb / length, *signs)
+        px, py, c, s, *turns, gap = _solved(beta, gamma, ra / length, rb / length, signs)
         alpha = elementary.atan2(s, c)
         rotation = rotation_matrices(np.array([[alpha, beta, gamma]]))[0][0]
         links = []
@@ -687,35 +794,6 @@ class Cur(Mechanism):
             )
         x, y = length * (c * px - s * py), length * (s * px + c * py)
         return links, (float(x), float(y), alpha), float(gap)
-
-    def _passive(
-        self,
-        parameters: Parameters,
-        pose: Mapping[str, float],
-        alpha: float,
-        links: list[_Link],
-    ) -> dict[str, float]:
-        """Return theta2 .. theta5 and the elevation of each limb."""
-        length = _sizes(parameters)[2]
-        angles = np.array([[alpha, pose["beta"], pose["gamma"]]])
-        rotation = rotation_matrices(angles)[0][0]
-        values: dict[str, float] = {}
-        for k, (given, (c, s)) in enumerate(zip(links, _AZIMUTHS, strict=True), 1):
-            radial, tangential = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
-            axis, w = given.e, given.w
-            first, second = self._axes(given, length)
-            x2, link = np.cross(first, _Z), np.cross(second, first)
-            found = {
-                "theta2": elementary.atan2(dot(-first, radial), dot(first, tangential)),
-                "theta3": elementary.atan2(link[2], dot(link, x2)),
-                "theta4": elementary.atan2(dot(second, np.cross(first, axis)), dot(first, axis)),
-                "theta5": elementary.atan2(
-                    dot(w, rotation[:, 2]), dot(w, product(rotation, radial))
-                ),
-                "elevation": elementary.asin(min(max(w[2] / length, -1.0), 1.0)),
-            }
-            values |= {f"{name}_{k}": float(v) for name, v in found.items()}
-        return values
 
     @staticmethod
     def _axes(link: _Link, length: float) -> tuple[Vector, Vector]:
@@ -766,6 +844,16 @@ class Cur(Mechanism):
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
     ) -> str:
         """Return the working mode whose heights are those given."""
+        _, rb, length, d1 = _sizes(parameters)
+        heights = cur_heights(pose["beta"], pose["gamma"], *[0.0] * 6)
+        rises = [
+            rb * float(out) - (joints[c.name] + d1 - pose["z"])
+            for c, out in zip(self.joints, heights[::3], strict=True)
+        ]
+        signs = tuple(math.copysign(1.0, rise) for rise in rises)
+        mode = next(mode for mode, found in MODE_SIGNS.items() if found == signs)
+        if min(map(abs, rises)) > NEARLY_FLAT * length:
+            return mode
         solutions = self.inverse(parameters, pose)
         if not solutions:
             return self.working_modes[0]
@@ -920,6 +1008,16 @@ class Cur(Mechanism):
 
 _Z = np.array([0.0, 0.0, 1.0])
 _AZIMUTHS = ((1.0, 0.0), (CUR_C2, CUR_S2), (CUR_C2, -CUR_S2))
+
+
+@lru_cache(maxsize=64)
+def _solved(
+    beta: float, gamma: float, ra: float, rb: float, signs: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return what :func:`cur_solve` does; at a pose it is asked for again and again."""
+    with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
+        found: tuple[float, ...] = cur_solve(beta, gamma, ra, rb, *signs)
+    return found
 
 
 def _sizes(parameters: Parameters) -> tuple[float, float, float, float]:

@@ -34,9 +34,9 @@ kinematics and no modes of a workspace.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,6 @@ from pmopt.mechanisms.base import (
     Ranges,
     Reach,
     Vector,
-    wrap_angle,
 )
 from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.mechanisms.uu_upu_forward import uu_assemble
@@ -84,13 +83,18 @@ uup_FAR = 64.0
 uup_LEVEL = 1e-15
 uup_SHORT = 1e-8
 
-#: Cells of :func:`_root`'s scan.
+#: Cells of :func:`uup_main`'s scan.
 FINE = 120
-#: Nodes of :func:`_roots`' scan of half the curve, in each of two measures of length.
+#: Nodes of :func:`uup_others`' scan of half the curve, in each of two measures of length.
 NODES = 64
+#: Most bisections.
+HALVINGS = 200
+#: Room for the nodes of a scan, and the most roots and branches.
+uup_ROOM = 2 * NODES + 2
+uup_MOST = 24
 #: Stands for |m| = 0.
 FLAT = 1e-30
-#: How far :func:`_root`'s root may be from that of the scan, near an extreme of P_x.
+#: How far :func:`uup_main`'s root may be from that of the scan, near an extreme of P_x.
 NEAR = 1e-4
 
 #: Whether the platform's P2P3 is above (1) or below (-1) the base, told by M's height over it.
@@ -490,6 +494,359 @@ def posture(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+def uup_main(x, curve, far, bar, up, length):  # type: ignore[no-untyped-def]
+    """Return a working mode's root by a scan in fine cells and bisection, and whether there is one.
+
+    The cells end where P_x crosses x or turns back; bisection then keeps what lies before both.
+    """
+    m, mu, sw, cw = curve
+    a, c, l2, half_r, s = bar
+    value, slope, _, _ = uup_across(0.0, m, mu, sw, cw, a, c, l2, half_r, s)
+    if up * slope <= 0.0:
+        return 0.0, False
+    side = 1.0 if up * (value - x) < 0.0 else -1.0
+    low = 0.0
+    high = 0.0
+    for j in range(FINE):
+        part = (j + 1) / FINE
+        high = part / (1.0 - part + part / far) if far > 0.0 else 0.0
+        value, slope, _, _ = uup_across(side * high, m, mu, sw, cw, a, c, l2, half_r, s)
+        if side * up * (value - x) >= 0.0 or up * slope <= 0.0:
+            break
+        low = high
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        if middle in (low, high):
+            break
+        value, slope, _, _ = uup_across(side * middle, m, mu, sw, cw, a, c, l2, half_r, s)
+        if side * up * (value - x) < 0.0 and up * slope > 0.0:
+            low = middle
+        else:
+            high = middle
+    value, _, _, _ = uup_across(side * high, m, mu, sw, cw, a, c, l2, half_r, s)
+    # Twice what the kernel allows: where it finds the end of reach there is a root here.
+    return side * high, side * up * (value - x) >= -2.0 * uup_CLOSE * length
+
+
+def uup_all_round(cv, sv, side, s, x, curve, bar):  # type: ignore[no-untyped-def]
+    """Return P_x - x and what has the sign of its slope by |v|, all round the curve."""
+    m, mu, sw, cw = curve
+    a, c, l2, half_r, _ = bar
+    cphi2 = cv * cv + (m * sv) * (m * sv)
+    cphi = math.sqrt(cphi2)
+    sk = m / cphi
+    ck = mu * cv / cphi
+    sphi = side * mu * sv
+    spsi = sw * cv - cw * side * sv
+    cpsi = cw * cv + sw * side * sv
+    less = sk * sk / (1.0 + abs(ck)) + (abs(ck) - ck)
+    rho2 = (a - c) * (a - c) + 2 * a * c * less + uup_POINT
+    excess = l2 / rho2 - 1.0
+    f2 = excess if excess > 0.0 else 0.0
+    f = math.sqrt(f2)
+    arm = a - c + c * less
+    h_k = (f2 * c - l2 * a * c / (rho2 * rho2) * arm) * sk
+    value = s * f * arm * sphi + half_r * (cphi * cpsi - sphi * ck * spsi) - x
+    even = s * h_k * sk * sphi * sphi
+    even = even + f * (s * f * arm * cphi2 * ck + half_r * spsi * sk * sk)
+    return value, side * even
+
+
+def uup_place(p, way):  # type: ignore[no-untyped-def]
+    """Return cosine and sine of |v| by tan(|v| / 2), its cotangent, or the cosine itself."""
+    if way == 0:
+        return p, math.sqrt((1.0 - p) * (1.0 + p))
+    d = 1.0 / (1.0 + p * p)
+    return (1.0 - p * p) * d if way > 0 else (p * p - 1.0) * d, 2.0 * p * d
+
+
+def uup_zero(low, high, way, which, side, s, x, curve, bar):  # type: ignore[no-untyped-def]
+    """Return where P_x - x (which = 0) or its slope (1) changes its sign, by bisection.
+
+    Numbers of the same sign far apart are bisected by their logarithms.
+    """
+    cv, sv = uup_place(low, way)
+    at_low = uup_all_round(cv, sv, side, s, x, curve, bar)[which]
+    cv, sv = uup_place(high, way)
+    at_high = uup_all_round(cv, sv, side, s, x, curve, bar)[which]
+    # Rounding may move an end's sign: then it is the root.
+    if at_low * at_high >= 0.0:
+        return low if abs(at_low) < abs(at_high) else high
+    below = at_low < 0.0
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        far = 4.0 * low - high if abs(low) < abs(high) else 4.0 * high - low
+        if low * high > 0.0 and far * high < 0.0:
+            middle = math.sqrt(abs(low)) * math.sqrt(abs(high))
+            middle = middle if low > 0.0 else -middle
+        if middle in (low, high):
+            break
+        cv, sv = uup_place(middle, way)
+        if (uup_all_round(cv, sv, side, s, x, curve, bar)[which] < 0.0) == below:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def uup_nodes(curve, largest, work):  # type: ignore[no-untyped-def]
+    """Write cosines of |v| to look at into the first numbers of ``work``, falling from 1.
+
+    They are spread evenly in v and, denser where f falls to 0, in kappa: where m is small kappa
+    turns within some m of v = 90 degrees.
+
+    Returns
+    -------
+    count : int
+        0 where there is no curve.
+    stretched : bool
+        Whether it ends where the links are stretched, else at v = 180 degrees.
+    """
+    m, mu, _, _ = curve
+    start = mu / m
+    if largest >= 1.0:
+        return 0, False
+    end = -start
+    if largest > -1.0:
+        end = largest / math.sqrt((1.0 - largest) * (1.0 + largest))
+    if end >= start:
+        return 0, False
+    stretched = end > -start
+    least = -1.0
+    if stretched:
+        least = m * end / mu
+        least = least if least > -1.0 else -1.0
+    first = arc_tangent(m, mu)
+    last = arc_tangent(1.0, end if stretched else -start)
+    work[0] = 1.0
+    work[1] = least
+    count = 2
+    for j in range(1, NODES + 1):
+        part = j / (NODES + 1)
+        _, even = sin_cos(part * math.pi)
+        sk, ck = sin_cos(last - (last - first) * part * part)
+        for cosine in (even, m * ck / (sk * mu)):
+            if least < cosine < 1.0:
+                place = count
+                while cosine > work[place - 1]:
+                    work[place] = work[place - 1]
+                    place -= 1
+                work[place] = cosine
+                count += 1
+    return count, stretched
+
+
+def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-def]
+    """Write every root of P_x = x into ``work`` from number 9 uup_ROOM on; return their number.
+
+    Four numbers each: cosine and sine of |v|, the side of v and s. Those of s = 1 come first, each
+    from v = 0 outwards. Between nodes where P_x - x changes sign is a root, and a pair where it
+    turns back beyond 0.
+    """
+    count, stretched = uup_nodes(curve, largest, work)
+    roots = 0
+    place = 9 * uup_ROOM
+    if count == 0:
+        return 0
+    for k in range(count):
+        cv = work[k]
+        sv = math.sqrt((1.0 - cv) * (1.0 + cv))
+        for row in range(4):
+            side = 1.0 if row % 2 == 0 else -1.0
+            s = 1.0 if row < 2 else -1.0
+            value, slope = uup_all_round(cv, sv, side, s, x, curve, bar)
+            work[(1 + row) * uup_ROOM + k] = value
+            work[(5 + row) * uup_ROOM + k] = slope
+    if stretched:  # f = 0: both s meet
+        for row in range(2):
+            one = (1 + row) * uup_ROOM + count - 1
+            other = one + 2 * uup_ROOM
+            work[one] = (work[one] + work[other]) / 2
+            work[other] = work[one]
+    for row in range(4):
+        side = 1.0 if row % 2 == 0 else -1.0
+        s = 1.0 if row < 2 else -1.0
+        for k in range(count - 1):
+            value = work[(1 + row) * uup_ROOM + k]
+            sign = 1.0 if value >= 0.0 else -1.0
+            crosses = (work[(1 + row) * uup_ROOM + k + 1] >= 0.0) != (value >= 0.0)
+            falls = sign * work[(5 + row) * uup_ROOM + k] < 0.0
+            turns = not crosses and falls and sign * work[(5 + row) * uup_ROOM + k + 1] > 0.0
+            if not (crosses or turns):
+                continue
+            low, high = work[k], work[k + 1]
+            way = 0
+            if abs(low) > 0.8 or abs(high) > 0.8:
+                way = 1 if low + high > 0.0 else -1
+                sv_low = math.sqrt((1.0 - low) * (1.0 + low))
+                sv_high = math.sqrt((1.0 - high) * (1.0 + high))
+                low = sv_low / (1.0 + way * low)
+                high = sv_high / (1.0 + way * high)
+            middle = high
+            pairs = 1
+            if turns:
+                middle = uup_zero(low, high, way, 1, side, s, x, curve, bar)
+                cv, sv = uup_place(middle, way)
+                short = sign * uup_all_round(cv, sv, side, s, x, curve, bar)[0]
+                if short > 1e-15 * size:
+                    continue
+                pairs = 2
+                if short == 0.0:
+                    low = middle
+                    pairs = 1
+            for pair in range(pairs):
+                if roots == uup_MOST:
+                    break
+                begin, end = (low, middle) if pair == 0 else (middle, high)
+                cv, sv = uup_place(uup_zero(begin, end, way, 0, side, s, x, curve, bar), way)
+                at = place + 4 * roots
+                while (
+                    at > place
+                    and work[at - 1] == s
+                    and (work[at - 4] < cv or (work[at - 4] == cv and work[at - 2] < side))
+                ):
+                    for column in range(4):
+                        work[at + column] = work[at - 4 + column]
+                    at -= 4
+                work[at] = cv
+                work[at + 1] = sv
+                work[at + 2] = side
+                work[at + 3] = s
+                roots += 1
+    return roots
+
+
+def uup_write(row, number, turn, bar, geometry, tilt):  # type: ignore[no-untyped-def]
+    """Write a branch: its number, joints, y, z and alpha, and the passive joints."""
+    sphi, cphi, sk, ck, spsi, cpsi = turn
+    a, c, r, big_r = geometry
+    sb, cb, sg, cg = tilt
+    _, f, _, h, _ = bar
+    y = f * c * sk
+    xx = cphi * cpsi - sphi * ck * spsi
+    xy = spsi * sk
+    xz = -sphi * cpsi - cphi * ck * spsi
+    ox = sphi * sk
+    oz = cphi * sk
+    zx = xy * oz - xz * ck
+    zy = xz * ox - xx * oz
+    half = 0.5 * big_r
+    far_arm = 3.0 * half
+    wx = h * sphi + far_arm * xx - 0.5 * r - r
+    wy = y + far_arm * xy
+    wz = h * cphi + far_arm * xz
+    flat = math.sqrt(wx * wx + wz * wz)
+    # Rot's first two rows by those of Ry Rx
+    along = xx * cb + ox * (sb * sg) + zx * (sb * cg) + ck * cg - zy * sg
+    beside = xy * cb + ck * (sb * sg) + zy * (sb * cg) - ox * cg + zx * sg
+    row[0] = number
+    row[1] = uup_principal(arc_tangent(wx, wz))
+    row[2] = uup_principal(arc_tangent(sphi, cphi))
+    row[3] = uup_principal(arc_tangent(y + a - c * ck, h - c * sk))
+    row[4] = y + half * xy
+    row[5] = h * cphi + half * xz
+    row[6] = uup_principal(arc_tangent(beside, along))
+    row[7] = math.sqrt(wx * wx + wy * wy + wz * wz)
+    row[8] = arc_tangent(wy, flat)
+    row[9] = uup_principal(arc_tangent(y - a + c * ck, h + c * sk))
+    row[10] = uup_principal(arc_tangent(sk, ck))
+    row[11] = uup_principal(arc_tangent(spsi, cpsi))
+
+
+def uup_principal(angle):  # type: ignore[no-untyped-def]
+    """Return -pi, which rounding may give, as pi."""
+    return angle if angle > -math.pi else math.pi
+
+
+def uup_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
+    """Write every branch of a pose, a row each; see :attr:`Mechanism.inverter`.
+
+    The working modes first, as far as there are any; then the other roots, those of up first, each
+    from v = 0 outwards. Branch n of mode k (up 0, down 1) has the number 2 (n - 1) + k.
+
+    Returns
+    -------
+    count : int
+    proven : bool
+        Always.
+    """
+    a, c, length, r, big_r = constants[0], constants[1], constants[2], constants[3], constants[4]
+    sb, cb = sin_cos(pose[1])
+    sg, cg = sin_cos(pose[2])
+    sb, cb, sg, cg = float(sb), float(cb), float(sg), float(cg)
+    x = pose[0] + 0.5 * r
+    m = cb * sg
+    level = cb * cg
+    mu = math.sqrt(sb * sb + level * level) + TINY
+    sw = sb / mu
+    cw = level / mu
+    curve = (m, mu, sw, cw)
+    l2 = length * length
+    half_r = 0.5 * big_r
+    largest = (a * a + c * c - l2) / (2.0 * a * c)
+    far = uup_far(m, mu, constants[5])
+    geometry = (a, c, r, big_r)
+    tilt = (sb, cb, sg, cg)
+    count = 0
+    taken = 9 * uup_ROOM + 4 * uup_MOST
+    for mode in range(2):
+        up = 1.0 if mode == 0 else -1.0
+        s = up if a >= c else -up
+        u, there = uup_main(x, curve, far, (a, c, l2, half_r, s), up, length)
+        work[taken + mode] = 0.0
+        if there:
+            turn = uup_turn(u, m, mu, sw, cw)
+            bar = uup_bar(turn[2], turn[3], a, c, l2, s)
+            if bar[0] >= 0.0:
+                uup_write(found[count], mode, turn, bar, geometry, tilt)
+                work[taken + mode] = 1.0
+                work[taken + 2 + 2 * mode] = found[count, 2]
+                work[taken + 3 + 2 * mode] = found[count, 10]
+                count += 1
+    mirror = -1.0 if m < 0.0 else 1.0
+    size = abs(m)
+    size = size if size > FLAT else FLAT
+    round_curve = (size, mu, sw, cw)
+    bar_all = (a, c, l2, half_r, 1.0)
+    roots = uup_others(x, round_curve, largest, bar_all, length + big_r, work)
+    place = 9 * uup_ROOM
+    for mode in range(2):
+        up = 1.0 if mode == 0 else -1.0
+        s = up if a >= c else -up
+        # The root that is the working mode's.
+        nearest = -1
+        least = NEAR
+        for k in range(roots):
+            at = place + 4 * k
+            if work[at + 3] == s and work[taken + mode] > 0.0:
+                lift = size * work[at + 1]
+                cphi = math.sqrt(work[at] * work[at] + lift * lift)
+                phi = arc_tangent(work[at + 2] * mu * work[at + 1], cphi)
+                kappa = mirror * arc_tangent(size, mu * work[at])
+                gap = abs(phi - work[taken + 2 + 2 * mode])
+                other = abs(kappa - work[taken + 3 + 2 * mode])
+                gap = gap if gap > other else other
+                if gap < least:
+                    nearest = k
+                    least = gap
+        number = mode
+        for k in range(roots):
+            at = place + 4 * k
+            if work[at + 3] != s or k == nearest or count == uup_MOST:
+                continue
+            number += 2
+            cv, sv, side = work[at], work[at + 1], work[at + 2]
+            cphi = math.sqrt(cv * cv + (size * sv) * (size * sv))
+            turn = (
+                side * mu * sv, cphi, mirror * size / cphi, mu * cv / cphi,
+                sw * cv - cw * side * sv, cw * cv + sw * side * sv,
+            )  # fmt: skip
+            bar = uup_bar(turn[2], turn[3], a, c, l2, s)
+            uup_write(found[count], number, turn, bar, geometry, tilt)
+            count += 1
+    return count, True
+
+
 @dataclass(frozen=True)
 class Configuration:
     """The mechanism at internal coordinates q = (phi, kappa, psi), for kinematics and dynamics.
@@ -712,6 +1069,8 @@ class UuUpu(Mechanism):
     posture = staticmethod(posture)
     roles = ("x", "pitch", "roll")
     assembler = Assembler(uu_assemble, 4, 8, 1)
+    inverter = Assembler(uup_invert, uup_MOST, 12, 9 * uup_ROOM + 4 * uup_MOST + 6)
+    inverted_passive = ("l1", "eta1", "delta2", "kappa", "psi")
     completeness = "closed form: two circles, then two turns of the platform at most"
     freed = (
         "a forward singularity, P3 in B2 or P1 in theta1's plane at every turn; the platform is "
@@ -812,27 +1171,16 @@ class UuUpu(Mechanism):
         outwards: beyond P_x's extremes, where the limb plane is folded down or kappa is large. No
         workspace is told in them.
         """
-        found = []
-        for mode, at in _branches(parameters, pose).items():
-            joints = {"theta1": at.theta1, "phi": float(at.q[0]), "delta3": at.delta3}
-            parasitic = {
-                "y": float(at.centre[1]),
-                "z": float(at.centre[2]),
-                "alpha": _yaw(at.rotation, pose["beta"], pose["gamma"]),
-            }
-            passive = {
-                "l1": float(at.lengths[0]),
-                "eta1": at.eta1,
-                "delta2": at.delta2,
-                "kappa": float(at.q[1]),
-                "psi": float(at.q[2]),
-            }
-            found.append(
-                InverseSolution(
-                    mode, {k: wrap_angle(v) for k, v in joints.items()}, parasitic, passive
-                )
-            )
-        return tuple(found)
+        return self.inverted(parameters, [pose])[0]
+
+    def branch(self, number: int) -> str:
+        """Return the name of a branch of :func:`uup_invert`."""
+        mode = self.working_modes[number % 2]
+        return mode if number < 2 else f"{mode}-{number // 2 + 1}"
+
+    def inversion_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`uup_invert`."""
+        return [*_lengths(parameters), _geometry(parameters, self.working_modes[0])[8]]
 
     def assembly_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`uu_assemble`."""
@@ -1070,169 +1418,13 @@ def _nearest(
 
 
 def _root(parameters: Parameters, pose: Mapping[str, float], mode: str) -> Configuration | None:
-    """Return the mode's root of P_x = x by a scan in fine cells and bisection, if there is one.
-
-    The cells end where P_x crosses x or turns back; bisection then keeps what lies before both.
-    """
+    """Return the mode's root of P_x = x, if there is one; see :func:`uup_main`."""
     a, c, l2, length, r, big_r, s, up, far_cos = _geometry(parameters, mode)
     curve = _curve(pose)
     far = uup_far(curve[0], curve[1], far_cos)
-    x = pose["x"] + r / 2
-
-    def across(u: float) -> tuple[float, float]:
-        value, slope, _, _ = uup_across(u, *curve, a, c, l2, big_r / 2, s)
-        return up * (value - x), up * slope
-
-    start, slope = across(0.0)
-    if slope <= 0.0:
-        return None
-    side = 1.0 if start < 0.0 else -1.0
-    low = high = 0.0
-    for j in range(1, FINE + 1):
-        part = j / FINE
-        high = part / (1 - part + part / far) if far > 0.0 else 0.0
-        miss, slope = across(side * high)
-        if side * miss >= 0.0 or slope <= 0.0:
-            break
-        low = high
-    for _ in range(100):
-        middle = (low + high) / 2
-        if middle in (low, high):
-            break
-        miss, slope = across(side * middle)
-        if side * miss < 0.0 < slope:
-            low = middle
-        else:
-            high = middle
-    # Twice what the kernel allows: where it finds the end of reach there is a root here.
-    if side * across(side * high)[0] < -2.0 * uup_CLOSE * length:
-        return None
-    at = configuration(parameters, _q(side * high, curve), s)
-    return at if at.bar[0] >= 0.0 else None
-
-
-def _branches(parameters: Parameters, pose: Mapping[str, float]) -> dict[str, Configuration]:
-    """Return every configuration with the pose by its name: the working modes, then the others."""
-    main = {mode: _root(parameters, pose, mode) for mode in MODE_SIGNS}
-    found = {mode: at for mode, at in main.items() if at is not None}
-    roots = _roots(parameters, pose)
-    for mode in MODE_SIGNS:
-        sign = _geometry(parameters, mode)[6]
-        others, at = roots[sign], main[mode]
-        if at is not None and others:
-            gaps = [float(np.abs(q - at.q)[:2].max()) for q in others]
-            nearest = gaps.index(min(gaps))
-            if gaps[nearest] < NEAR:
-                del others[nearest]
-        for number, q in enumerate(others, 2):
-            found[f"{mode}-{number}"] = configuration(parameters, q, sign)
-    return found
-
-
-def _roots(parameters: Parameters, pose: Mapping[str, float]) -> dict[float, list[Vector]]:
-    """Return q at every root of P_x = x by s, from v = 0 outwards.
-
-    The curve's halves v >= 0 and v <= 0 are scanned at common nodes, spread evenly in v and, denser
-    where f falls to 0, in kappa: where m is small kappa turns within some m of v = 90 degrees.
-    Between nodes where P_x - x changes sign is a root, and a pair where it turns back beyond 0.
-    They are refined by v or, about 90 degrees, by t = log cot(kappa / 2).
-    """
-    a, c, length, r, big_r = _lengths(parameters)
-    m, mu, sw, cw = _curve(pose)
-    x = pose["x"] + r / 2
-    mirror = -1.0 if m < 0.0 else 1.0
-    m = max(abs(m), FLAT)
-    found: dict[float, list[tuple[tuple[float, float], Vector]]] = {1.0: [], -1.0: []}
-    # t falls from start to end, where the links are stretched or v = 180 degrees.
-    largest = (a * a + c * c - length * length) / (2 * a * c)
-    start = elementary.asinh(mu / m)
-    end = -start if largest <= -1.0 else -math.inf if largest >= 1.0 else elementary.atanh(largest)
-    if end == -math.inf or end >= start:
-        return {1.0: [], -1.0: []}
-    stretched = end > -start
-    end = max(end, -start)
-    # Both halves end in the same point: a root between their ends would be lost.
-    least = max(m * elementary.sinh(end) / mu, -1.0) if stretched else -1.0
-
-    def across(cv: Any, sv: Any, side: Any, s: Any) -> tuple[Any, Any]:
-        """Return P_x - x and what has the sign of its slope by |v|, of numbers or arrays."""
-        cphi2 = cv * cv + m * sv * (m * sv)
-        cphi = np.sqrt(cphi2)
-        sk, ck, sphi = m / cphi, mu * cv / cphi, side * mu * sv
-        spsi, cpsi = sw * cv - cw * side * sv, cw * cv + sw * side * sv
-        less = sk * sk / (1.0 + abs(ck)) + (abs(ck) - ck)
-        rho2 = (a - c) * (a - c) + 2 * a * c * less + uup_POINT
-        excess = (length * length) / rho2 - 1.0
-        # The positive part, of arrays too.
-        f2 = 0.5 * (excess + abs(excess))
-        f = np.sqrt(f2)
-        arm = a - c + c * less
-        h_k = (f2 * c - (length * length) * a * c / (rho2 * rho2) * arm) * sk
-        value = s * f * arm * sphi + big_r / 2 * (cphi * cpsi - sphi * ck * spsi) - x
-        even = s * h_k * sk * sphi * sphi
-        even = even + f * (s * f * arm * cphi2 * ck + big_r / 2 * spsi * sk * sk)
-        return value, side * even
-
-    first, last = elementary.atan2(m, mu), elementary.atan2(1.0, elementary.sinh(end))
-    inner = np.linspace(0.0, 1.0, NODES + 2)[1:-1]
-    by_v = elementary.sin_cos_of(inner * elementary.acos(least))[1]
-    sine, cosine = elementary.sin_cos_of(last - (last - first) * (inner * inner))
-    by_kappa = m * cosine / sine / mu
-    cosines = np.clip(np.concatenate([by_v, by_kappa, [1.0, least]]), least, 1.0)
-    cosines = np.sort(cosines)[::-1]
-    side, s = np.array([[1.0], [-1.0], [1.0], [-1.0]]), np.array([[1.0], [1.0], [-1.0], [-1.0]])
-    value, slope = across(cosines, np.sqrt((1 - cosines) * (1 + cosines)), side, s)
-    if stretched:  # f = 0: both s meet
-        value[:2, -1] = value[2:, -1] = (value[:2, -1] + value[2:, -1]) / 2
-    sign = np.where(value >= 0.0, 1.0, -1.0)
-    crosses = sign[:, 1:] != sign[:, :-1]
-    slope = slope * sign
-    turns = ~crosses & (slope[:, :-1] < 0.0) & (slope[:, 1:] > 0.0)
-    for row, k in np.argwhere(crosses | turns).tolist():
-        sense, s_row = float(side[row, 0]), float(s[row, 0])
-        ends = [float(cosines[k]), float(cosines[k + 1])]
-        near = max(map(abs, ends)) <= 0.8
-
-        def place(p: float, near: bool = near) -> tuple[float, float]:
-            if not near:
-                return elementary.cos(p), elementary.sin(p)
-            cv = m * elementary.sinh(p) / mu
-            return cv, math.sqrt(max(1.0 - cv * cv, 0.0))
-
-        def miss(p: float, sense: float = sense, s_row: float = s_row) -> float:
-            return float(across(*place(p), sense, s_row)[0])
-
-        def turn(p: float, sense: float = sense, s_row: float = s_row) -> float:
-            return float(across(*place(p), sense, s_row)[1])
-
-        low, high = (elementary.asinh(mu * cv / m) if near else elementary.acos(cv) for cv in ends)
-        brackets = [(low, high)]
-        if turns[row, k]:
-            middle = _zero(turn, low, high)
-            short = miss(middle) * sign[row, k]
-            if short > 1e-15 * (length + big_r):
-                continue
-            brackets = [(low, middle), (middle, high)] if short < 0.0 else [(middle, middle)]
-        for pair in brackets:
-            cv, sv = place(_zero(miss, *pair))
-            cphi = math.hypot(cv, m * sv)
-            phi = elementary.atan2(sense * mu * sv, cphi)
-            kappa = mirror * elementary.atan2(m, mu * cv)
-            psi = elementary.atan2(sw * cv - cw * sense * sv, cw * cv + sw * sense * sv)
-            found[s_row].append(((-cv, -sense), np.array([phi, kappa, psi])))
-    return {s: [q for _, q in sorted(some, key=lambda one: one[0])] for s, some in found.items()}
-
-
-def _zero(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a function is 0 between ends where its signs differ, to rounding."""
-    from scipy.optimize import brentq  # takes longer to import than most commands need
-
-    at_low, at_high = function(low), function(high)
-    # Rounding may move an end's sign: then it is the root.
-    if at_low * at_high >= 0.0:
-        return low if abs(at_low) < abs(at_high) else high
-    size = 1e-16 * max(abs(low), abs(high))
-    return float(brentq(function, low, high, xtol=size, rtol=1e-15, maxiter=500))
+    u, there = uup_main(pose["x"] + r / 2, curve, far, (a, c, l2, big_r / 2, s), up, length)
+    at = configuration(parameters, _q(u, curve), s)
+    return at if there and at.bar[0] >= 0.0 else None
 
 
 def _matching(

@@ -1,9 +1,10 @@
-"""Compiled forward kinematics: many sets of joint positions in one call.
+"""Compiled forward and inverse kinematics: many sets of joint positions, or poses, in one call.
 
 A mechanism's ``assemble(joints, constants, found, work)`` is plain Python on floats and arrays; it
 writes the assembly modes of one set of joint positions, a row each, and returns how many there are
 and whether they are proven to be all. Here its text is compiled and called for a table of joint
 positions. Multiplications and additions are not contracted: every processor gives the same digits.
+The inverse kinematics, where it is not written out in closed form, is such a function of a pose.
 """
 
 from __future__ import annotations
@@ -148,4 +149,18 @@ def assemble_rows(
 
     for _ in spread(one, range(0, len(joints), CHUNK)):
         pass
+    return found, counts
+
+
+def assemble_plainly(
+    assembler: Assembler, rows: Array, constants: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return what :func:`assemble_rows` does, uncompiled: for a few rows."""
+    found = np.zeros((len(rows), assembler.modes, assembler.columns))
+    counts = np.zeros((len(rows), 2), dtype=np.int64)
+    plain = tuple(constants.tolist())
+    # Far off numbers overflow, and end in a gap.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k, row in enumerate(rows.tolist()):
+            counts[k] = assembler.assemble(row, plain, found[k], np.zeros(assembler.work))
     return found, counts

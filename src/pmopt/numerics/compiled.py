@@ -31,6 +31,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -71,6 +72,22 @@ _NEEDED = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt")
 TARGETS = ("host", FIXED)
 _lock = threading.Lock()
 _engines: list[Any] = []  # what keeps loaded machine code alive
+_compiling = [0.0]  # s, spent on it by this process
+
+
+def seconds_compiling() -> float:
+    """Return the seconds that this process has spent on compiling, or on waiting for it."""
+    return _compiling[0]
+
+
+@contextlib.contextmanager
+def _counted() -> Iterator[None]:
+    """Count what is done as compilation."""
+    began = time.monotonic()
+    try:
+        yield
+    finally:
+        _compiling[0] += time.monotonic() - began
 
 
 class Entry(NamedTuple):
@@ -312,7 +329,8 @@ class Compiled:
         """Return the address of an entry's machine code, compiling it where none is kept."""
         code, path = self._kept(entry)
         if not code:  # none is kept, or it is not what was
-            code = self._compile(entry)
+            with _counted():
+                code = self._compile(entry)
             if path is not None:  # a cache that cannot be written costs time only
                 write_whole(path, self._digest(entry, code) + code)
         return _load(code)
@@ -381,17 +399,18 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
             process.stdin.close()
 
     try:
-        for _ in range(min(workers, len(missing))):
-            process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                text=True, encoding="utf-8",
-            )  # fmt: skip
-            processes.append(process)
-        threads = [threading.Thread(target=feed, args=(p,), daemon=True) for p in processes]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        with _counted():
+            for _ in range(min(workers, len(missing))):
+                process = subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
+                )  # fmt: skip
+                processes.append(process)
+            threads = [threading.Thread(target=feed, args=(p,), daemon=True) for p in processes]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
     finally:
         for process in processes:
             process.kill()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,24 @@ from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Shown, Table, design_facts, facts, to_csv, to_json
 from pmopt.units import ONE
 
+#: Of a claim, where no budget is given.
+DEFAULT_SECONDS = 30.0
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """What a proof may spend: seconds of work, boxes examined, either or none."""
+
+    time_budget: float | None = None
+    box_budget: int | None = None
+
 
 def run_volume(
     mechanism: Mechanism,
     parameters: Parameters,
     settings: WorkspaceSettings,
     gap: float,
-    time_budget: float | None,
+    budgets: Budgets,
     out: Path | None = None,
     *,
     force: bool = False,
@@ -38,11 +50,11 @@ def run_volume(
     """Enclose a workspace's volume and, with ``out``, write the run's folder."""
     with claimed(out, force) as folder:
         result = certify_volume(
-            mechanism, parameters, settings, gap=gap, time_budget=time_budget, progress=progress,
-            notify=notify,
+            mechanism, parameters, settings, gap=gap, progress=progress, notify=notify,
+            **asdict(budgets),
         )  # fmt: skip
         if folder is not None:
-            config = {"certify": gap, "time_budget": time_budget}
+            config = {"certify": gap, **asdict(budgets)}
             _write(folder, result.to_dict(), certified_data(result), settings, config)
         return result
 
@@ -51,7 +63,7 @@ def run_claim(
     mechanism: Mechanism,
     parameters: Parameters,
     settings: WorkspaceSettings,
-    time_budget: float,
+    budgets: Budgets,
     out: Path | None = None,
     *,
     force: bool = False,
@@ -59,12 +71,9 @@ def run_claim(
 ) -> Claim:
     """Decide a claim and, with ``out``, write the run's folder."""
     with claimed(out, force) as folder:
-        result = certify_claim(
-            mechanism, parameters, settings, time_budget=time_budget, notify=notify
-        )
+        result = certify_claim(mechanism, parameters, settings, notify=notify, **asdict(budgets))
         if folder is not None:
-            _write(folder, result.to_dict(), certified_data(result), settings,
-                   {"time_budget": time_budget})  # fmt: skip
+            _write(folder, result.to_dict(), certified_data(result), settings, asdict(budgets))
         return result
 
 

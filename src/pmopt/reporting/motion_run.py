@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,13 @@ from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
 from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
+from pmopt.reporting.streams import csv_pieces
 from pmopt.reporting.table import Cell, Shown, Table, to_csv
 from pmopt.units import ONE, effort_unit, per_second
 
 Notify = Callable[[str], None]
+#: Instants of which rows are written at once.
+_ROWS = 4096
 #: Name in the run's folder of the file that a trajectory was read from.
 RECORDING = "recording.csv"
 
@@ -195,11 +198,11 @@ def _write(run: MotionRun, folder: RunFolder, notify: Notify | None) -> None:
     from pmopt.reporting import motion_plots  # what draws takes long to import
 
     folder.open()
-    folder.write("motion.csv", to_csv([motion_table(run)]) + "\n")
+    folder.write("motion.csv", csv_pieces(motion_tables_of(run)))
     folder.write("summary.csv", to_csv([summary_table(run)]) + "\n")
-    centres = centres_table(run)
+    centres = centres_table(run, slice(0, 0))
     if centres is not None:
-        folder.write("centres.csv", to_csv([centres]) + "\n")
+        folder.write("centres.csv", csv_pieces(_centres_tables(run)))
     origin = write_origin(run.task, folder)
     missing = write_pictures(
         folder, lambda: motion_plots.draw_motion(run.motion, run.task.mechanism), notify
@@ -240,27 +243,45 @@ def write_origin(task: MotionTask, folder: RunFolder) -> dict[str, Any]:
     return {"config": config, "bodies": bodies, "inputs": inputs}
 
 
-def motion_table(run: MotionRun) -> Table:
-    """Return the whole motion, one row an instant."""
+def _parts(run: MotionRun) -> Iterator[slice]:
+    for first in range(0, len(run.motion.t), _ROWS):
+        yield slice(first, first + _ROWS)
+
+
+def motion_tables_of(run: MotionRun) -> Iterator[Table]:
+    """Yield the whole motion, one row an instant, some thousand rows a table."""
     series = columns(run.motion, run.task.mechanism)
-    matrix = np.stack([run.motion.t, *(one.values for one in series.values())], axis=1)
-    return Table(
-        f"{run.motion.mechanism}: motion", ("t", *series), tuple(map(tuple, matrix.tolist())),
-        {"t": "s"} | {name: one.unit for name, one in series.items()},
-    )  # fmt: skip
+    units = {"t": "s"} | {name: one.unit for name, one in series.items()}
+    for part in _parts(run):
+        matrix = np.stack([run.motion.t[part], *(s.values[part] for s in series.values())], axis=1)
+        yield Table(
+            f"{run.motion.mechanism}: motion", ("t", *series), tuple(map(tuple, matrix.tolist())),
+            units,
+        )  # fmt: skip
 
 
-def centres_table(run: MotionRun) -> Table | None:
-    """Return position, velocity and acceleration of each body's centre of mass, None without."""
+def _centres_tables(run: MotionRun) -> Iterator[Table]:
+    for part in _parts(run):
+        table = centres_table(run, part)
+        assert table is not None  # the motion has bodies
+        yield table
+
+
+def centres_table(run: MotionRun, part: slice) -> Table | None:
+    """Return position, velocity and acceleration of each body's centre of mass, None without.
+
+    Of some instants only: ``part``.
+    """
     centres = run.motion.centres
     if not centres:
         return None
     unit = run.task.mechanism.length_unit
     units = {"t": "s"}
-    parts = [run.motion.t[:, None]]
+    parts = [run.motion.t[part, None]]
+    found = centres.part(part)
     for order, ending in enumerate(("", "_rate", "_acceleration")):
-        for name, values in centres.items():
-            parts.append(values[:, order])
+        for k, name in enumerate(centres):
+            parts.append(found[:, k, order])
             told = per_second(unit, order) if order else unit
             units |= {f"{name.replace(' ', '_')}_{axis}{ending}": told for axis in "xyz"}
     rows = np.concatenate(parts, axis=1).tolist()

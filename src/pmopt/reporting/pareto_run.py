@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pmopt.analysis.budgets import Clock
 from pmopt.analysis.sweeper import Notify
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting import pictures, run_folder
@@ -186,14 +186,14 @@ def plan(config: RunConfig, threads: int | None, notify: Notify) -> Plan:
         }
     )
     optimisation = Optimisation(DesignProblem(probe, threads, notify))
-    times = []
+    clock, times = Clock(), []
     for _ in optimisation.generations():
-        times.append(time.perf_counter())
+        times.append(clock.seconds)
     # The first generation compiles, loads and imports; a search may end with it.
     each = (times[-1] - times[0]) / max(len(times) - 1, 1) / population
-    began = time.perf_counter()
+    clock = Clock()
     list(optimisation.problem.measure(optimisation.evaluated.variables[:_PROBED]))
-    final = (time.perf_counter() - began) / _PROBED * settings.population
+    final = clock.seconds / _PROBED * settings.population
     designs = settings.population * settings.generations
     what = (
         f"pareto {config.mechanism}: {settings.name}, population {settings.population}, "

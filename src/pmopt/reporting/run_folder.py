@@ -8,7 +8,7 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 
 from pmopt.checkpoint import FOLDER, RUN
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import mode_of, read_json, remove_leftovers, sha256, unwritable, write_new
+from pmopt.files import mode_of, read_json, remove_leftovers, unwritable, write_new
 from pmopt.folder_lock import FolderLock
 from pmopt.installation import COMPUTING, versions
 from pmopt.swap import JOURNAL, LAST, NEXT, clear, is_unfinished, recover, swap
@@ -177,7 +177,7 @@ class RunFolder:
             with self._told():
                 (self.path / MANIFEST).unlink(missing_ok=True)
 
-    def write(self, name: str, data: bytes | str) -> None:
+    def write(self, name: str, data: bytes | str | Iterable[str]) -> None:
         """Write one output beside its place: a disk that is full with the next one loses nothing.
 
         Raises
@@ -191,14 +191,14 @@ class RunFolder:
                 raise PmoptError(f"{place}: can not write: is a folder")
             staged = self.path / NEXT / name
             staged.parent.mkdir(parents=True, exist_ok=True)
-            write_new(staged, data, mode_of(place))
+            digest = write_new(staged, data, mode_of(place))
         except OSError as error:
             self._forget()
             raise unwritable(place, error) from error
         except BaseException:
             self._forget()
             raise
-        self._digests[name] = sha256(data)
+        self._digests[name] = digest
 
     def put(self) -> None:
         """Put everything that was written in its place; what replaces a run stays beside it."""

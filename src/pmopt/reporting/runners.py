@@ -9,7 +9,6 @@ import csv
 import io
 import json
 import re
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.aspects import make_sweeper
+from pmopt.analysis.budgets import Clock
 from pmopt.analysis.motion_config import MotionTask, resolve_motion
 from pmopt.analysis.settings import MECHANISM_KEY, WorkspaceSettings, named_mechanism
 from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
@@ -452,10 +452,10 @@ class MotionRunner(Runner):
         """Measure the motion itself."""
         from pmopt.reporting.motion_run import run_motion
 
-        began = time.perf_counter()
+        clock = Clock()
         found = run_motion(self.task, threads=threads, notify=notify)
         count = float(len(found.motion.t))
-        return Plan(f"motion {self.mechanism}", count, time.perf_counter() - began)
+        return Plan(f"motion {self.mechanism}", count, clock.seconds)
 
     @classmethod
     def results(cls, folder: Path, manifest: Mapping[str, Any]) -> Results:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pmopt.analysis.kinematics import OutOfReach
 from pmopt.mechanisms.base import PLATFORM
 from pmopt.reporting.table import (
     Cell,
@@ -22,7 +23,7 @@ from pmopt.units import ONE, span_text
 
 if TYPE_CHECKING:
     from pmopt.analysis.extremes import Extreme
-    from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult
+    from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult, Jacobians
     from pmopt.analysis.shape import Topology
     from pmopt.analysis.workspace import WorkspaceResult
     from pmopt.mechanisms import Mechanism
@@ -203,8 +204,10 @@ def _range(ends: tuple[float, float] | None) -> tuple[Cell, Cell, Cell]:
     return lower, upper, " .. ".join(f"{end:.6g}" for end in ends)
 
 
-def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table:
-    """Return branches, a row each; ``many`` poses are numbered."""
+def inverse_table(
+    results: Sequence[InverseResult], many: bool = False, number_from: int = 1
+) -> Table:
+    """Return branches, a row each; ``many`` poses are numbered, the first as given."""
     first = results[0]
     # Joints and parasitic coordinates; what is a pose coordinate too stands once.
     poses, names = list(first.pose), [c for c in first.units if c not in first.pose]
@@ -214,7 +217,7 @@ def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table
     columns = (*(["row"] if many else []), *poses, "working_mode", *names, "within_limits",
                "beyond")  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
-    for number, result in enumerate(results, start=1):
+    for number, result in enumerate(results, start=number_from):
         head: list[Cell] = [*([number] if many else []), *(result.pose[c] for c in poses)]
         branches: list[list[Cell]] = [
             [
@@ -236,8 +239,10 @@ def inverse_table(results: Sequence[InverseResult], many: bool = False) -> Table
                  only_csv=() if many else tuple(poses))  # fmt: skip
 
 
-def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table:
-    """Return assembly modes, a row each; ``many`` joint positions are numbered."""
+def forward_table(
+    results: Sequence[ForwardResult], many: bool = False, number_from: int = 1
+) -> Table:
+    """Return assembly modes, a row each; ``many`` joint positions are numbered from the first's."""
     first = results[0]
     # What is a joint and a pose coordinate too stands once.
     joints = list(first.joints)
@@ -247,7 +252,7 @@ def forward_table(results: Sequence[ForwardResult], many: bool = False) -> Table
         joints = [c for c in joints if c not in poses]
     columns = (*(["row"] if many else []), *joints, *poses, "residual", "complete")
     rows: list[tuple[Cell, ...]] = []
-    for number, result in enumerate(results, start=1):
+    for number, result in enumerate(results, start=number_from):
         head: list[Cell] = [*([number] if many else []), *(result.joints[c] for c in joints)]
         modes: list[list[Cell]] = [
             [
@@ -302,6 +307,74 @@ def _indices(result: JacobianResult) -> dict[str, float]:
         "lci_rotational": result.lci_rotational,
     }
     return {name: value for name, value in found.items() if value is not None}
+
+
+def jacobians_table(
+    results: Sequence[JacobianResult | OutOfReach], asked: Jacobians, number_from: int = 1
+) -> Table:
+    """Return the Jacobian's indices and measures at many poses, a row each.
+
+    What is out of reach has a row without them.
+    """
+    mechanism, unit = asked.mechanism, asked.units["characteristic_length"]
+    at_home = _jacobian_columns(asked.reference)
+    known = [k for k, value in at_home.items() if value is not None or k == "singularities"]
+    values = asked.units["singular_values"].split(",")[0]
+    units = {c.name: asked.units[c.name] for c in mechanism.pose}
+    units |= {
+        name: unit if name.startswith(("characteristic", "distance")) else
+        values if name.startswith("singular_value_") else ONE
+        for name in known
+    }  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    for number, one in enumerate(results, start=number_from):
+        found = {} if isinstance(one, OutOfReach) else _jacobian_columns(one)
+        rows.append((number, *one.pose.values(), *(found.get(name) for name in known)))
+    return Table(
+        f"{mechanism.name}, {asked.mode}, {len(results)} poses",
+        ("row", *units), tuple(rows), units,
+    )  # fmt: skip
+
+
+def _jacobian_columns(result: JacobianResult) -> dict[str, Cell]:
+    """Return the figures of one pose by the names of their columns."""
+    values = result.singular_values
+    size = len(result.j_x)
+
+    def named(start: str, measures: Mapping[str, float]) -> dict[str, Cell]:
+        return {f"{start}_{name.replace(' ', '_')}": value for name, value in measures.items()}
+
+    return {
+        "lci": result.lci,
+        "lci_raw": result.lci_raw,
+        "lci_homogenized": result.lci_homogenized,
+        "singular": bool(result.singular),
+        "lci_translational": result.lci_translational,
+        "lci_rotational": result.lci_rotational,
+        "characteristic_length": result.characteristic_length,
+        **{f"singular_value_{k + 1}": None if values is None else float(values[k])
+           for k in range(size)},
+        **named("distance_type_1", result.inverse_distance),
+        **named("determinant_type_1", result.inverse_measure),
+        **named("determinant_type_2", result.forward_measure),
+        **named("determinant_constraint", result.constraint_measure),
+        "singularities": "; ".join(result.singular) or None,
+    }  # fmt: skip
+
+
+def jacobian_document(result: JacobianResult | OutOfReach, asked: Jacobians) -> dict[str, Any]:
+    """Return the JSON form of one of many poses; out of reach with the reason and no figures."""
+    if not isinstance(result, OutOfReach):
+        return result.to_dict()
+    none = ("joints", "J_X", "J_q", "J", "singular_values", "lci", "lci_raw", "lci_homogenized")
+    return {
+        "mechanism": asked.mechanism.name,
+        "pose": result.pose,
+        "working_mode": asked.mode,
+        **dict.fromkeys(none),
+        "out_of_reach": str(result.error()),
+        "units": asked.units,
+    }
 
 
 #: Name, value, unit.

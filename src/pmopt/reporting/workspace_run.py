@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pmopt.analysis.budgets import Clock
 from pmopt.analysis.emptiness import require_reachable
 from pmopt.analysis.sweeper import Notify
 from pmopt.analysis.workspace import (
@@ -36,12 +36,12 @@ def plan(task: WorkspaceTask, threads: int | None, notify: Notify) -> Plan:
         probe = settings.model_copy(
             update={"grid": None, "target_error": None, "samples": samples, "replicates": None}
         )
-        began = time.perf_counter()
+        clock = Clock()
         found = compute_workspace(
             task.mechanism, task.parameters, probe, seed=task.seed, threads=threads,
             shape_grid=0, notify=notify,
         )  # fmt: skip
-        seconds = time.perf_counter() - began
+        seconds = clock.seconds
     if settings.grid is not None:
         points, what = float(settings.grid) ** dimension * 2, f"grid of {settings.grid} cells"
     elif settings.target_error is not None:

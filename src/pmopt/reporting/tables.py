@@ -330,9 +330,14 @@ def jacobians_table(
     for number, one in enumerate(results, start=number_from):
         found = {} if isinstance(one, OutOfReach) else _jacobian_columns(one)
         rows.append((number, *one.pose.values(), *(found.get(name) for name in known)))
+    details = ("singular_value", "distance", "determinant", "characteristic")
     return Table(
         f"{mechanism.name}, {asked.mode}, {len(results)} poses",
         ("row", *units), tuple(rows), units,
+        tuple(f"lci: {one.kind}, {one.norm}-norm" for one in results
+              if not isinstance(one, OutOfReach))[:1],
+        prose=("singularities",),
+        yielding=tuple(name for name in known if name.startswith(details)),
     )  # fmt: skip
 
 
@@ -366,14 +371,14 @@ def jacobian_document(result: JacobianResult | OutOfReach, asked: Jacobians) -> 
     """Return the JSON form of one of many poses; out of reach with the reason and no figures."""
     if not isinstance(result, OutOfReach):
         return result.to_dict()
-    none = ("joints", "J_X", "J_q", "J", "singular_values", "lci", "lci_raw", "lci_homogenized")
     return {
+        **dict.fromkeys(asked.reference.to_dict()),
         "mechanism": asked.mechanism.name,
+        "params": dict(asked.inverting.parameters),
         "pose": result.pose,
         "working_mode": asked.mode,
-        **dict.fromkeys(none),
-        "out_of_reach": str(result.error()),
         "units": asked.units,
+        "out_of_reach": str(result.error()),
     }
 
 

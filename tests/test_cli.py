@@ -796,7 +796,7 @@ BAD = [
     ("pareto good.toml --resume", ("--resume", "--out")),
     ("pareto good.toml --resume --force --out run", ("--resume", "--force")),
     ("plot no", ("no", "no such folder", "finished run")),
-    ("init no-such", ("mechanism", "'no-such'", MECH)),
+    ("init no-such", ("KIND or MECH", "'no-such'", MECH)),
     ("init --out good.toml", ("--out", "good.toml", "--force")),
     ("completion tcsh", ("'tcsh'", "bash", "zsh", "fish")),
 ]

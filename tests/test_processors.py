@@ -293,6 +293,24 @@ def test_what_else_is_in_a_stack_changes_nothing(shape):
             assert (whole[k] == part[0]).all()
 
 
+def test_stacks_of_none():
+    none = np.empty((0, 2, 3, 3))
+    assert matrices.determinant(none).shape == (0, 2)
+    assert matrices.singular_values(none).shape == (0, 2, 3)
+    assert [part.shape for part in matrices.eigen(none)] == [(0, 2, 3), none.shape]
+    for function in (matrices.inverse, lambda m: matrices.product(m, m)):
+        assert function(none).shape == none.shape
+
+
+def test_sizes_do_not_matter():
+    """No square overflows or vanishes."""
+    form = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 4.0]])
+    for power in (-200, 200):
+        size = 10.0**power
+        for function in (matrices.singular_values, lambda m: matrices.eigen(m)[0]):
+            np.testing.assert_allclose(function(size * form) / size, function(form), rtol=1e-13)
+
+
 def test_singular_matrices():
     flat = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [1.0, 1.0, 1.0]])
     assert matrices.determinant(flat) == 0.0

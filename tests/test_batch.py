@@ -466,7 +466,7 @@ def test_forms(undisturbed, tmp_path):
     text = here(*line, "--format", "csv", cwd=undisturbed).stdout
     assert text == (undisturbed / "out" / "summary.csv").read_text()
     table = here(*line, cwd=undisturbed).stdout
-    assert "best_volume (m^3)" in table
+    assert "best_volume ± error (m^3)" in table
     assert "wall_time (s)" in table
     assert "7 finished of 7 runs" in table
     for name in NAMES:

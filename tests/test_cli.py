@@ -298,7 +298,7 @@ def test_out_of_reach_names_limb_and_miss(tmp_path, command):
     for limb, a in (("limb 1", M - N - 9), ("limb 2", M - N + 9)):
         miss = math.hypot(a, 1 - 2 * C) - L1 - L2
         assert float(misses[limb]) == pytest.approx(miss, rel=1e-5)  # six digits are printed
-    assert "x=9.0" in line
+    assert "x=9," in line
 
 
 def test_out_of_reach_names_only_the_limb_that_misses(tmp_path):

@@ -113,7 +113,7 @@ def test_example_of_the_help_runs(examples, name):
 
 def test_examples_write_what_they_say(examples):
     folder, _ = examples
-    assert (folder / "my-design.toml").is_file()
+    assert (folder / "my-motion.toml").is_file()
     assert (folder / "outputs/quickstart/front.csv").is_file()
     assert files_in(folder / "pictures") == ["front.png", "history.png"]
     for name in files_in(folder / "pictures"):

@@ -145,9 +145,10 @@ def _emit_list(form: str) -> None:
     kinds = tuple((name, kind.about, f"pmopt {kind.command}") for name, kind in KINDS.items())
     emit(form, document, [
         Table("Examples: pmopt init --example EXAMPLE",
-              ("example", "kind", "mechanism", "about"), tuple(map(_row, found)), {}),
+              ("example", "kind", "mechanism", "about"), tuple(map(_row, found)), {},
+              key="example"),
         Table("Starting configurations: pmopt init KIND MECH", ("kind", "about", "run_by"), kinds,
-              {}, (f"of each mechanism: {', '.join(names())}",)),
+              {}, (f"of each mechanism: {', '.join(names())}",), key="kind"),
     ])  # fmt: skip
 
 

@@ -432,7 +432,7 @@ def as_other(other, *settings, cwd):
 def test_two_users_of_one_cache(other, tmp_path):
     """Neither runs the other's code, each keeps its own."""
     shared, temporary = tmp_path / "shared", tmp_path / "temporary"
-    for path in (tmp_path, *list(tmp_path.parents)[:2]):
+    for path in (tmp_path, *list(tmp_path.parents)[:3]):
         path.chmod(path.stat().st_mode | 0o011)
     for path in (shared, temporary):
         path.mkdir()
@@ -457,7 +457,7 @@ def test_two_users_of_one_cache(other, tmp_path):
 def test_a_user_without_home_and_name(other, tmp_path):
     """Nothing is written into the working folder; the second time nothing is compiled."""
     work, temporary = tmp_path / "work", tmp_path / "temporary"
-    for path in (tmp_path, *list(tmp_path.parents)[:2]):
+    for path in (tmp_path, *list(tmp_path.parents)[:3]):
         path.chmod(path.stat().st_mode | 0o011)
     for path in (work, temporary):
         path.mkdir()

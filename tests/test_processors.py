@@ -60,7 +60,9 @@ def written(folder, name, changes):
 def test_bytes_are_the_same_on_other_processors(name, tmp_path):
     plain = written(tmp_path / "plain", name, {})
     assert len(plain) > 60
-    for number, (switch, changes) in enumerate(SWITCHES.items()):
+    # Of the first mechanism all, of the others the two that change most.
+    which = slice(None) if name == processors.MECHANISMS[0] else slice(-2, None)
+    for number, (switch, changes) in list(enumerate(SWITCHES.items()))[which]:
         others = written(tmp_path / str(number), name, changes)
         assert others.keys() == plain.keys()
         assert [k for k in plain if others[k] != plain[k]] == [], switch

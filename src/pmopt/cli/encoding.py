@@ -20,20 +20,22 @@ _PLAIN = str.maketrans(
 _ESCAPED = range(0xDC80, 0xDD00)
 
 
-def substitute(error: UnicodeError) -> tuple[str | bytes, int]:
+def substitute(error: UnicodeError) -> tuple[str, int]:
     """Return the nearest plain text of what an encoding lacks, and where to go on."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end]
     if all(ord(c) in _ESCAPED for c in text):
-        return bytes(ord(c) - 0xDC00 for c in text), error.end
+        return "".join(f"\\x{ord(c) - 0xDC00:02x}" for c in text), error.end
     plain = text.translate(_PLAIN)
     return "".join(c if c.isascii() else "?" for c in plain), error.end
 
 
+codecs.register_error(HANDLER, substitute)
+
+
 def make_lenient() -> None:
     """Let stdout and stderr print what their encoding lacks as plain text."""
-    codecs.register_error(HANDLER, substitute)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             with contextlib.suppress(OSError, ValueError, LookupError):

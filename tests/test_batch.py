@@ -23,6 +23,7 @@ from cli_runner import (
     here,
     pmopt,
     strict_json,
+    wait_for,
 )
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -817,14 +818,6 @@ def start(folder, path, *options):
 
 def generations(folder):
     return len(list((folder / "runs").glob("*/checkpoint/generation-*.bin")))
-
-
-def wait_for(condition, process):
-    began = time.monotonic()
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() - began < TIMEOUT
-        time.sleep(0.01)
 
 
 def children(process):

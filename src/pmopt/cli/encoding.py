@@ -12,7 +12,7 @@ HANDLER = "pmopt"
 _PLAIN = str.maketrans(
     {
         "±": "+-", "≤": "<=", "≥": ">=", "·": "*", "°": "deg", "⁻": "^-", "\u2212": "-",
-        "\u2013": "-", "\u2026": "...", "\u00d7": "x", "\u00a0": " ",
+        "\u2013": "-", "\u2026": "...", "─": "-", "\u00d7": "x", "\u00a0": " ",
         **{raised: f"^{k}" for k, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")},
     }
 )  # fmt: skip
@@ -32,6 +32,12 @@ def substitute(error: UnicodeError) -> tuple[str, int]:
 
 
 codecs.register_error(HANDLER, substitute)
+
+
+def writable(text: str) -> str:
+    """Return a text in characters that stdout can write."""
+    code = sys.stdout.encoding or "utf-8"
+    return text.encode(code, HANDLER).decode(code)
 
 
 def make_lenient() -> None:

@@ -12,8 +12,9 @@ import click
 from pmopt.cli.options import Place, common_options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError, unknown_name
-from pmopt.files import put, read_file, remove_staged, stage
+from pmopt.files import put, remove_staged, stage
 from pmopt.inputs.examples import Example, examples, find_example
+from pmopt.inputs.reading import read_file
 from pmopt.mechanisms import Mechanism, find, names
 from pmopt.reporting.starting_config import KINDS
 from pmopt.reporting.table import Table

@@ -25,6 +25,23 @@ from pathlib import Path
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 COMMAND = [sys.executable, "-m", "pmopt"]
 TIMEOUT = 120  # s; only a hang takes that long
+#: A search of three generations, and a batch of two workspaces.
+SEARCH = """
+mechanism = "2pauu-ppap"
+[parameters]
+m = [0.5, 1.5]
+[workspace]
+samples = 1000
+[algorithm]
+population = 8
+generations = 3
+[final]
+target_error = 0.1
+"""
+BATCH = (
+    'command = "workspace"\nmechanism = "2pauu-ppap"\nshape_grid = 0\n'
+    "[workspace]\nsamples = 1000\n[sweep]\nseed = [1, 2]\n"
+)
 
 
 def environment(**changes):
@@ -45,6 +62,15 @@ def pmopt_all(commands, cwd):
     """Run several commands, two at a time, and return their results in order."""
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(lambda command: pmopt(*command, cwd=cwd), commands))
+
+
+def wait_for(condition, process):
+    """Wait until something holds while a process is at work."""
+    began = time.monotonic()
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() - began < TIMEOUT
+        time.sleep(0.01)
 
 
 def here(*args, cwd):

@@ -1,10 +1,15 @@
 """Shared settings and fixtures. PMOPT_CACHE_DIR is left as the environment has it."""
 
+import os
+
 import pytest
 from hypothesis import settings
 
 from pmopt.mechanisms import find, names
 from pmopt.numerics import assembly, specialise
+
+# Workers of xdist are given 80: tables would be narrower than off a terminal.
+os.environ.pop("COLUMNS", None)
 
 settings.register_profile("pmopt", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("pmopt")

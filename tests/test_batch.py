@@ -23,6 +23,7 @@ from cli_runner import (
     here,
     pmopt,
     strict_json,
+    wait_for,
 )
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -466,7 +467,7 @@ def test_forms(undisturbed, tmp_path):
     text = here(*line, "--format", "csv", cwd=undisturbed).stdout
     assert text == (undisturbed / "out" / "summary.csv").read_text()
     table = here(*line, cwd=undisturbed).stdout
-    assert "best_volume (m^3)" in table
+    assert "best_volume ± error (m^3)" in table
     assert "wall_time (s)" in table
     assert "7 finished of 7 runs" in table
     for name in NAMES:
@@ -817,14 +818,6 @@ def start(folder, path, *options):
 
 def generations(folder):
     return len(list((folder / "runs").glob("*/checkpoint/generation-*.bin")))
-
-
-def wait_for(condition, process):
-    began = time.monotonic()
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() - began < TIMEOUT
-        time.sleep(0.01)
 
 
 def children(process):

@@ -113,7 +113,7 @@ def test_example_of_the_help_runs(examples, name):
 
 def test_examples_write_what_they_say(examples):
     folder, _ = examples
-    assert (folder / "my-design.toml").is_file()
+    assert (folder / "my-motion.toml").is_file()
     assert (folder / "outputs/quickstart/front.csv").is_file()
     assert files_in(folder / "pictures") == ["front.png", "history.png"]
     for name in files_in(folder / "pictures"):
@@ -298,7 +298,7 @@ def test_out_of_reach_names_limb_and_miss(tmp_path, command):
     for limb, a in (("limb 1", M - N - 9), ("limb 2", M - N + 9)):
         miss = math.hypot(a, 1 - 2 * C) - L1 - L2
         assert float(misses[limb]) == pytest.approx(miss, rel=1e-5)  # six digits are printed
-    assert "x=9.0" in line
+    assert "x=9," in line
 
 
 def test_out_of_reach_names_only_the_limb_that_misses(tmp_path):
@@ -796,7 +796,7 @@ BAD = [
     ("pareto good.toml --resume", ("--resume", "--out")),
     ("pareto good.toml --resume --force --out run", ("--resume", "--force")),
     ("plot no", ("no", "no such folder", "finished run")),
-    ("init no-such", ("mechanism", "'no-such'", MECH)),
+    ("init no-such", ("KIND or MECH", "'no-such'", MECH)),
     ("init --out good.toml", ("--out", "good.toml", "--force")),
     ("completion tcsh", ("'tcsh'", "bash", "zsh", "fish")),
 ]

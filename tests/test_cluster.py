@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cli_runner import COMMAND, TIMEOUT, environment, error_line, here, strict_json
+from cli_runner import COMMAND, TIMEOUT, environment, error_line, here, strict_json, wait_for
 
 from pmopt.analysis import blocks
 from pmopt.analysis.settings import WorkspaceSettings
@@ -106,14 +106,6 @@ def start(*args, cwd):
         ["env", "--default-signal=INT,QUIT", *COMMAND, *map(str, args)], cwd=cwd,
         env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-
-
-def wait_for(condition, process):
-    began = time.monotonic()
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() - began < TIMEOUT
-        time.sleep(0.01)
 
 
 def kill_a_worker(cluster):

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 
 import pytest
-from cli_runner import COMMAND, environment, error_line, files_in, here, pmopt
+from cli_runner import COMMAND, SEARCH, environment, error_line, files_in, here, pmopt
 from killing import outputs
 
 import pmopt as package
@@ -15,18 +15,6 @@ from pmopt import files
 from pmopt.reporting import pictures, workspace_checkpoint
 
 MECH = "2pauu-ppap"
-SEARCH = """
-mechanism = "2pauu-ppap"
-[parameters]
-m = [0.5, 1.5]
-[workspace]
-samples = 1000
-[algorithm]
-population = 8
-generations = 3
-[final]
-target_error = 0.1
-"""
 COMMANDS = {
     "pareto": ("pareto", "test.toml"),
     "workspace": ("workspace", MECH, "--samples", 3 * 2**22, "--shape-grid", 0),

@@ -429,14 +429,19 @@ def as_other(other, *settings, cwd):
                           capture_output=True)  # fmt: skip
 
 
+def folders_for_all(tmp_path, *names):
+    """Return new folders that every user can reach and write."""
+    for path in (tmp_path, *list(tmp_path.parents)[:3]):
+        path.chmod(path.stat().st_mode | 0o011)
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name).chmod(0o1777)
+        yield tmp_path / name
+
+
 def test_two_users_of_one_cache(other, tmp_path):
     """Neither runs the other's code, each keeps its own."""
-    shared, temporary = tmp_path / "shared", tmp_path / "temporary"
-    for path in (tmp_path, *list(tmp_path.parents)[:2]):
-        path.chmod(path.stat().st_mode | 0o011)
-    for path in (shared, temporary):
-        path.mkdir()
-        path.chmod(0o1777)
+    shared, temporary = folders_for_all(tmp_path, "shared", "temporary")
     here = (f"PMOPT_CACHE_DIR={shared}", f"TMPDIR={temporary}")
     first = as_other(other, *here, cwd=tmp_path)
     assert (first.stdout, first.stderr) == ("[[0.0, 0.0], [2.0, 0.0], [0.0, 3.0]]\n", "")
@@ -456,12 +461,7 @@ def test_two_users_of_one_cache(other, tmp_path):
 
 def test_a_user_without_home_and_name(other, tmp_path):
     """Nothing is written into the working folder; the second time nothing is compiled."""
-    work, temporary = tmp_path / "work", tmp_path / "temporary"
-    for path in (tmp_path, *list(tmp_path.parents)[:2]):
-        path.chmod(path.stat().st_mode | 0o011)
-    for path in (work, temporary):
-        path.mkdir()
-        path.chmod(0o1777)
+    work, temporary = folders_for_all(tmp_path, "work", "temporary")
     stamps = []
     for _ in range(2):
         done = as_other(other, f"TMPDIR={temporary}", cwd=work)

@@ -796,7 +796,7 @@ def test_more_generations_continue_an_adaptive_run(adaptive, eager, tmp_path):
 def test_checkpoint_of_the_old_form_is_refused(cut_off):
     path = cut_off / "checkpoint" / "run.json"
     path.write_text(re.sub(r'"schema": \d+', '"schema": 1', path.read_text()))
-    with pytest.raises(InputError, match=r"schema 1.*--force"):
+    with pytest.raises(InputError, match=r"form 1.*--force"):
         run_pareto(config_of(), cut_off, resume=True)
 
 

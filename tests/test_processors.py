@@ -60,7 +60,9 @@ def written(folder, name, changes):
 def test_bytes_are_the_same_on_other_processors(name, tmp_path):
     plain = written(tmp_path / "plain", name, {})
     assert len(plain) > 60
-    for number, (switch, changes) in enumerate(SWITCHES.items()):
+    # Of the first mechanism all, of the others the two that change most.
+    which = slice(None) if name == processors.MECHANISMS[0] else slice(-2, None)
+    for number, (switch, changes) in list(enumerate(SWITCHES.items()))[which]:
         others = written(tmp_path / str(number), name, changes)
         assert others.keys() == plain.keys()
         assert [k for k in plain if others[k] != plain[k]] == [], switch
@@ -245,8 +247,7 @@ def test_powers():
 def test_functions_of_arrays_are_those_of_their_elements():
     angles = np.array(drawn(-30, 30))
     for found, one in zip(elementary.sin_cos_of(angles), ("sin", "cos"), strict=True):
-        right = elementary.each(getattr(elementary, one), angles)
-        assert np.abs(found - right).max() <= 2.3e-16
+        assert (found == elementary.each(getattr(elementary, one), angles)).all()
     assert (elementary.exp_of(angles) == elementary.each(elementary.exp, angles)).all()
     size = np.abs(angles)
     assert (elementary.log_of(size) == elementary.each(elementary.log, size)).all()
@@ -291,6 +292,24 @@ def test_what_else_is_in_a_stack_changes_nothing(shape):
     for k in range(len(stack)):
         for whole, part in zip(together, matrices.decomposed(stack[k : k + 1]), strict=True):
             assert (whole[k] == part[0]).all()
+
+
+def test_stacks_of_none():
+    none = np.empty((0, 2, 3, 3))
+    assert matrices.determinant(none).shape == (0, 2)
+    assert matrices.singular_values(none).shape == (0, 2, 3)
+    assert [part.shape for part in matrices.eigen(none)] == [(0, 2, 3), none.shape]
+    for function in (matrices.inverse, lambda m: matrices.product(m, m)):
+        assert function(none).shape == none.shape
+
+
+def test_sizes_do_not_matter():
+    """No square overflows or vanishes."""
+    form = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 4.0]])
+    for power in (-200, 200):
+        size = 10.0**power
+        for function in (matrices.singular_values, lambda m: matrices.eigen(m)[0]):
+            np.testing.assert_allclose(function(size * form) / size, function(form), rtol=1e-13)
 
 
 def test_singular_matrices():

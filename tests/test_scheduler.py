@@ -10,7 +10,7 @@ import threading
 import time
 
 import pytest
-from cli_runner import TIMEOUT, environment, error_line, here
+from cli_runner import TIMEOUT, environment, error_line, here, wait_for
 
 from pmopt import scheduler
 from pmopt.reporting.runners import WorkspaceRunner
@@ -190,14 +190,6 @@ def begin(folder, words, address):
         [sys.executable, "-c", IMPATIENT, *map(str, words), "--scheduler", address], cwd=folder,
         env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
-
-
-def wait_for(condition, process):
-    began = time.monotonic()
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() - began < TIMEOUT
-        time.sleep(0.01)
 
 
 def kill_the_worker(dask):

@@ -427,9 +427,9 @@ def test_layout_and_skeleton_join_the_points(params):
             link, at_home = (e[k] - base[k] for e in (ends, ends_home))
             link, at_home = link / np.linalg.norm(link), at_home / np.linalg.norm(at_home)
             if k:
-                assert cones[f"U{k + 1}"] == pytest.approx(link @ at_home, abs=1e-12)
+                assert cones[f"U_T{k + 1}"] == pytest.approx(link @ at_home, abs=1e-12)
             carried = r @ r_home.T @ at_home
-            assert cones[f"S{k + 1}"] == pytest.approx(link @ carried, abs=1e-12)
+            assert cones[f"S_S{k + 1}"] == pytest.approx(link @ carried, abs=1e-12)
             first, slide, last = chains[k].joints
             np.testing.assert_allclose([first.point, last.point], [base[k], ends[k]], atol=1e-9)
             np.testing.assert_allclose(slide.axes[0], link, atol=1e-12)

@@ -390,11 +390,11 @@ def test_layout_and_skeleton_join_the_corners(params):
             link, at_home = (e[i] - base[i] for e in (ends, ends_home))
             link, at_home = link / np.linalg.norm(link), at_home / np.linalg.norm(at_home)
             if i == 3:  # the platform is rigid on the post: its S is in the base
-                assert cones["S4"] == pytest.approx(link @ at_home, abs=1e-12)
+                assert cones["S_A4"] == pytest.approx(link @ at_home, abs=1e-12)
                 continue
-            assert cones[f"U{i + 1}"] == pytest.approx(link @ at_home, abs=1e-12)
+            assert cones[f"U_A{i + 1}"] == pytest.approx(link @ at_home, abs=1e-12)
             carried = r @ r_home.T @ at_home
-            assert cones[f"S{i + 1}"] == pytest.approx(link @ carried, abs=1e-12)
+            assert cones[f"S_B{i + 1}"] == pytest.approx(link @ carried, abs=1e-12)
         for i, chain in enumerate(SP.layout(params, pose)[:3]):
             u, p, s = chain.joints
             np.testing.assert_allclose([u.point, s.point], [base[i], ends[i]], atol=1e-10)

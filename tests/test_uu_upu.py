@@ -791,7 +791,7 @@ def test_layout_and_skeleton_join_the_points(params, mode):
         segments = flat[12:48].reshape(6, 2, 3)
         cones = dict(zip(UU.cones, flat[48:], strict=True))
         assert len(flat) == 12 + 6 * len(UU.segments) + len(UU.cones)
-        for k, name in enumerate(("S1", "U2", "U3")):
+        for k, name in enumerate(("S_P1", "U_P2", "U_P3")):
             first, last = chains[k].joints[0], chains[k].joints[-1]
             np.testing.assert_allclose([first.point, last.point], [base[k], ends[k]], atol=1e-9)
             np.testing.assert_allclose(segments[k], [base[k], ends[k]], rtol=0, atol=1e-9)

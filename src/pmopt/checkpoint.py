@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import read_json, remove_leftovers, write_atomic
+from pmopt.files import remove_leftovers, write_atomic
+from pmopt.inputs.reading import read_json
 from pmopt.installation import changes as installation_changes
 from pmopt.installation import installation
 from pmopt.swap import NEXT

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and read only where they are files of a sensible size."""
+"""Files are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from pmopt.errors import PmoptError
-from pmopt.inputs.reading import LARGEST as LARGEST
-from pmopt.inputs.reading import read_file as read_file
-from pmopt.inputs.reading import read_json as read_json
 
 #: Ending of temporary names; what a killed run leaves of them is known by it.
 _TEMPORARY = ".pmopt-tmp"

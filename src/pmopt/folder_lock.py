@@ -23,7 +23,8 @@ from types import TracebackType
 from typing import Any
 
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import read_json, unwritable
+from pmopt.files import unwritable
+from pmopt.inputs.reading import read_json
 
 #: The file that is locked, in the folder.
 NAME = ".pmopt-lock"

@@ -17,7 +17,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import read_json, remove_leftovers, unwritable, write_atomic
+from pmopt.files import remove_leftovers, unwritable, write_atomic
+from pmopt.inputs.reading import read_json
 
 #: Where new files are until they are all there, and where old ones are until the new are in place.
 NEXT, LAST = ".pmopt-next", ".pmopt-last"

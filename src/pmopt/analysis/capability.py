@@ -289,7 +289,10 @@ class Demands:
         inverse = rest.inverse_jacobian
         known = np.isfinite(inverse).all(axis=(1, 2))
         transposed = np.full_like(inverse, np.nan)
-        transposed[known] = matrices.inverse(inverse[known]).transpose(0, 2, 1)
+        found = matrices.inverse(inverse[known]).transpose(0, 2, 1)
+        transposed[known] = np.where(
+            np.isfinite(found).all(axis=(1, 2), keepdims=True), found, np.nan
+        )
         linear = matrices.product(transposed, rest.mass_matrix)
         rate = np.zeros((count, n))
         effort = np.abs(rest.efforts)

@@ -172,7 +172,9 @@ def _touches(
     between = places % 1 > 0
     sizes[between] = size(places[between])
     k = np.arange(1, len(places) - 1)
-    k = k[(sizes[k] <= sizes[k - 1]) & (sizes[k] <= sizes[k + 1])]
+    before, here, after = sizes[k - 1], sizes[k], sizes[k + 1]
+    # Where all are alike, as along a rest, there is nothing to look for.
+    k = k[(here <= before) & (here <= after) & ((here < before) | (here < after))]
     k = k[np.argsort(sizes[k], kind="stable")[:_LOCATED]]
     if len(k) == 0:
         return []

@@ -463,7 +463,7 @@ def reached(mechanism: Mechanism, result: InverseResult, where: str) -> InverseR
 
 
 def _shown(values: Mapping[str, float]) -> str:
-    return ",".join(f"{name}={value!r}" for name, value in values.items())
+    return ",".join(f"{name}={exact(value)}" for name, value in values.items())
 
 
 class _Limits:

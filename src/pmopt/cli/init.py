@@ -12,8 +12,9 @@ import click
 from pmopt.cli.options import Place, common_options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError, unknown_name
-from pmopt.files import put, read_file, remove_staged, stage
+from pmopt.files import put, remove_staged, stage
 from pmopt.inputs.examples import Example, examples, find_example
+from pmopt.inputs.reading import read_file
 from pmopt.mechanisms import Mechanism, find, names
 from pmopt.reporting.starting_config import KINDS
 from pmopt.reporting.table import Table
@@ -145,9 +146,10 @@ def _emit_list(form: str) -> None:
     kinds = tuple((name, kind.about, f"pmopt {kind.command}") for name, kind in KINDS.items())
     emit(form, document, [
         Table("Examples: pmopt init --example EXAMPLE",
-              ("example", "kind", "mechanism", "about"), tuple(map(_row, found)), {}),
+              ("example", "kind", "mechanism", "about"), tuple(map(_row, found)), {},
+              key="example"),
         Table("Starting configurations: pmopt init KIND MECH", ("kind", "about", "run_by"), kinds,
-              {}, (f"of each mechanism: {', '.join(names())}",)),
+              {}, (f"of each mechanism: {', '.join(names())}",), key="kind"),
     ])  # fmt: skip
 
 

@@ -145,9 +145,13 @@ def run(args: list[str] | None = None) -> int:
 
 def _check_target() -> None:
     """Refuse a target that there is not, before anything is compiled for it."""
-    given = os.environ.get("PMOPT_TARGET")
-    if given and given not in ("host", "haswell"):
-        raise InputError(f"PMOPT_TARGET: {given!r} is not allowed, allowed: host, haswell")
+    if os.environ.get("PMOPT_TARGET"):  # else nothing of it is imported
+        from pmopt.numerics.compiled import target
+
+        try:
+            target()
+        except ValueError as error:
+            raise InputError(str(error)) from None
 
 
 def _resume_hint() -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 import click
 
+from pmopt.cli.encoding import writable
 from pmopt.reporting.layout import Style, lay_out, width_of, wrap
 from pmopt.reporting.table import Table, to_csv, to_json
 
@@ -52,7 +53,7 @@ def _width(stream: TextIO) -> int:
 
 def _print_tables(tables: Sequence[Table]) -> None:
     terminal, width = sys.stdout.isatty(), room()
-    style = Style(framed=not terminal, rule="─" if _writes("─±") else "-")
+    style = Style(framed=not terminal)
     for table in tables:
         for line in wrap(table.title, width):
             _say(click.style(line, bold=True))
@@ -63,22 +64,10 @@ def _print_tables(tables: Sequence[Table]) -> None:
         _say("")
 
 
-def _writes(text: str) -> bool:
-    """Return whether stdout can write a text."""
-    try:
-        text.encode(sys.stdout.encoding or "utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
 def _say(*lines: str) -> None:
-    """Print lines, in what characters stdout can write."""
+    """Print lines in what characters stdout can write; click has a way of its own with ASCII."""
     for line in lines:
-        if not _writes(line):
-            code = sys.stdout.encoding
-            line = line.replace("±", "+-").encode(code, "replace").decode(code)
-        click.echo(line)
+        click.echo(writable(line))
 
 
 def notifier(quiet: bool) -> Callable[[str], None]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,22 +77,28 @@ def _reduced(angle: float) -> tuple[int, float, float]:
         high = math.ldexp(float(rest >> shift), shift - _BITS)
         return k & 3, high, 0.0
     turns = math.floor(angle * t.TWO_OVER_PI + 0.5)
+    return turns & 3, *_less(angle, turns)
+
+
+# Of numbers and of arrays, with the same bits.
+def _less(angle: Any, turns: Any) -> tuple[Any, Any]:
+    """Return an angle less some quarter turns, as a sum of two numbers."""
     first = angle - turns * _HALF_PI[0]
     less = turns * _HALF_PI[1]
-    rest_ = first - less
-    less = turns * _HALF_PI[2] - ((first - rest_) - less)
-    high = rest_ - less
-    return turns & 3, high, (rest_ - high) - less
+    rest = first - less
+    less = turns * _HALF_PI[2] - ((first - rest) - less)
+    high = rest - less
+    return high, (rest - high) - less
 
 
-def _sine(x: float, y: float) -> float:
+def _sine(x: Any, y: Any) -> Any:
     z = x * x
     v = z * x
     r = t.S2 + z * (t.S3 + z * (t.S4 + z * (t.S5 + z * t.S6)))
     return x - ((z * (0.5 * y - v * r) - y) - v * t.S1)
 
 
-def _cosine(x: float, y: float) -> float:
+def _cosine(x: Any, y: Any) -> Any:
     z = x * x
     w = z * z
     r = z * (t.K1 + z * (t.K2 + z * t.K3)) + w * w * (t.K4 + z * (t.K5 + z * t.K6))
@@ -227,18 +234,8 @@ def sin_cos_of(angles: ArrayLike) -> tuple[Values, Values]:
     """Return sines and cosines of finite angles of at most some thousand turns, NaN of NaN."""
     angle = np.asarray(angles, dtype=np.float64)
     turns = np.floor(angle * t.TWO_OVER_PI + 0.5)
-    first = angle - turns * _HALF_PI[0]
-    less = turns * _HALF_PI[1]
-    rest = first - less
-    less = turns * _HALF_PI[2] - ((first - rest) - less)
-    x = rest - less
-    y = (rest - x) - less
-    z = x * x
-    w = z * z
-    r = t.S2 + z * (t.S3 + z * (t.S4 + z * (t.S5 + z * t.S6)))
-    s = x - ((z * (0.5 * y - z * x * r) - y) - z * x * t.S1)
-    r = z * (t.K1 + z * (t.K2 + z * t.K3)) + w * w * (t.K4 + z * (t.K5 + z * t.K6))
-    c = 1.0 - (0.5 * z - (z * r - x * y))
+    x, y = _less(angle, turns)
+    s, c = _sine(x, y), _cosine(x, y)
     quadrant = turns - 4.0 * np.floor(0.25 * turns)
     odd = (quadrant == 1.0) | (quadrant == 3.0)
     sine, cosine = np.where(odd, c, s), np.where(odd, s, c)

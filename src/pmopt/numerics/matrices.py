@@ -8,6 +8,8 @@ nothing.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -20,13 +22,17 @@ _MOST_SWEEPS = 30
 
 
 def product(first: ArrayLike, second: ArrayLike) -> Values:
-    """Return ``first @ second``: matrices, stacks of them, or vectors as ``@`` takes them."""
+    """Return ``first @ second``: matrices, stacks of them, or vectors as ``@`` takes them.
+
+    What is not finite goes on without a warning.
+    """
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     row, column = a.ndim == 1, b.ndim == 1
     a, b = (a[None, :] if row else a), (b[:, None] if column else b)
-    total: Values = a[..., :, :1] * b[..., :1, :]
-    for k in range(1, a.shape[-1]):
-        total = total + a[..., :, k : k + 1] * b[..., k : k + 1, :]
+    with np.errstate(invalid="ignore", over="ignore"):
+        total: Values = a[..., :, :1] * b[..., :1, :]
+        for k in range(1, a.shape[-1]):
+            total = total + a[..., :, k : k + 1] * b[..., k : k + 1, :]
     if column:
         total = total[..., 0]
     if row:
@@ -42,6 +48,11 @@ def dot(first: Values, second: Values) -> float:
 def norm_of(vector: Values) -> float:
     """Return the Euclidean length of a vector."""
     return float(np.sqrt(dot(vector, vector)))
+
+
+def _flat(stack: Values) -> Values:
+    """Return a stack of matrices, maybe none, along one axis."""
+    return stack.reshape(math.prod(stack.shape[:-2]), *stack.shape[-2:])
 
 
 def _eliminated(matrices: Values, right: Values) -> tuple[Values, Values, Values]:
@@ -64,7 +75,7 @@ def _eliminated(matrices: Values, right: Values) -> tuple[Values, Values, Values
 def determinant(matrices: Values) -> Values:
     """Return the determinants, by elimination with row exchanges."""
     given = np.asarray(matrices, dtype=np.float64)
-    flat = given.reshape(-1, *given.shape[-2:])
+    flat = _flat(given)
     with np.errstate(invalid="ignore", over="ignore"):
         a, _, found = _eliminated(flat, np.empty((*flat.shape[:2], 0)))
         for k in range(flat.shape[1]):
@@ -75,11 +86,11 @@ def determinant(matrices: Values) -> Values:
 def solve(matrices: Values, right: Values) -> Values:
     """Return ``matrices**-1 @ right``, (.., n, m); not finite where a matrix is singular."""
     given = np.asarray(matrices, dtype=np.float64)
-    flat = given.reshape(-1, *given.shape[-2:])
+    flat = _flat(given)
     sides = np.broadcast_to(right, (*given.shape[:-1], np.shape(right)[-1]))
     n = flat.shape[1]
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        a, b, _ = _eliminated(flat, sides.reshape(len(flat), n, -1).astype(np.float64))
+        a, b, _ = _eliminated(flat, _flat(sides).astype(np.float64))
         for k in reversed(range(n)):
             b[:, k] /= a[:, k, k, None]
             b[:, :k] -= a[:, :k, k, None] * b[:, k : k + 1]
@@ -165,7 +176,7 @@ def _complete(columns: Values, known: int) -> None:
 def singular_values(matrices: Values) -> Values:
     """Return the singular values (.., k) of finite matrices (.., m, n), descending."""
     given = np.asarray(matrices, dtype=np.float64)
-    found = decomposed(given.reshape(-1, *given.shape[-2:]))[1]
+    found = decomposed(_flat(given))[1]
     return found.reshape(*given.shape[:-2], found.shape[-1])
 
 
@@ -175,8 +186,10 @@ def eigen(matrices: Values) -> tuple[Values, Values]:
     Cyclic Jacobi rotations; the matrices have to be symmetric.
     """
     given = np.asarray(matrices, dtype=np.float64)
-    a = given.reshape(-1, *given.shape[-2:]).copy()
+    a = _flat(given).copy()
     count, n, _ = a.shape
+    scale = np.abs(a).max(axis=(1, 2), initial=0.0)
+    a /= np.where(scale > 0, scale, 1.0)[:, None, None]
     v = np.broadcast_to(np.eye(n), (count, n, n)).copy()
     norms = np.sqrt((a * a).sum(axis=(1, 2)))
     for _ in range(_MOST_SWEEPS):
@@ -199,6 +212,6 @@ def eigen(matrices: Values) -> tuple[Values, Values]:
             break
     values = np.einsum("nii->ni", a).copy()
     order = np.argsort(values, axis=1, kind="stable")
-    values = np.take_along_axis(values, order, axis=1)
+    values = np.take_along_axis(values, order, axis=1) * scale[:, None]
     vectors = np.take_along_axis(v, order[:, None, :], axis=2)
     return values.reshape(given.shape[:-1]), vectors.reshape(given.shape)

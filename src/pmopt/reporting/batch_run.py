@@ -22,8 +22,9 @@ from pmopt.analysis.warmup import warm_up
 from pmopt.checkpoint import differences
 from pmopt.cluster import Cluster
 from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
-from pmopt.files import read_file, read_json, unwritable, write_atomic
+from pmopt.files import unwritable, write_atomic
 from pmopt.folder_lock import InUseError
+from pmopt.inputs.reading import read_file, read_json
 from pmopt.reporting.batch_plan import (
     PlannedRun,
     find_configs,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from pmopt.files import read_json
+from pmopt.inputs.reading import read_json
 from pmopt.reporting.run_folder import read_manifest
 from pmopt.reporting.runners import ERRORS, RUNNERS, Results
 from pmopt.reporting.table import Cell, Shown, Table

@@ -230,40 +230,12 @@ def caption_parts(result: WorkspaceResult, remarks: Sequence[str] = ()) -> tuple
     return f"{result.mechanism}: {parameter_text(params, result.units)}", parts
 
 
-def write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
-    """Write mechanism, dimensions and volume above, what the index is of below."""
-    width, height = figure.get_size_inches()
-
-    def wrap(text: str, size: float) -> list[str]:
-        return textwrap.wrap(text, int((width - 0.3) / (CHARACTER * size / 8)))
-
-    title, parts = caption_parts(result, remarks)
-    head = wrap(title, 10.5)
-    body = wrap(", ".join(part.replace(" ", "\u00a0") for part in parts), 8.5)
-    x, top = 0.15 / width, 1 - 0.12 / height
-    figure.text(x, top, "\n".join(head), va="top", fontsize=10.5)
-    top -= 0.21 * len(head) / height
-    figure.text(x, top, "\n".join(body), va="top", fontsize=8.5, color="#555555")
-    write_note(figure, result)
-
-
 def write_note(figure: Figure, result: WorkspaceResult) -> None:
     """Write below what the index is of."""
     width, height = figure.get_size_inches()
     text = f"LCI: {rounded(result.index_note)}"
     note = textwrap.wrap(text, int((width - 0.3) / (CHARACTER * 7 / 8)))
     figure.text(0.15 / width, 0.1 / height, "\n".join(note), fontsize=7, color="#555555")
-
-
-def draw_nothing(result: WorkspaceResult) -> bytes:
-    """Draw what stands for a picture of an empty workspace."""
-    with new_figure(6.0, 2.2) as figure:
-        found = "nothing reachable" if result.reachable == 0 else (
-            "the reachable set is too small for the grid of this picture"
-        )  # fmt: skip
-        figure.text(0.5, 0.42, found, ha="center", va="center", fontsize=13, color=FAINT)
-        write_caption(figure, result)
-        return to_picture(figure)
 
 
 def label(name: str, unit: str) -> str:

@@ -21,7 +21,7 @@ from pmopt.analysis.sweeper import Notify
 from pmopt.mechanisms.base import Mechanism, Parameters
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.table import Cell, Shown, Table, design_facts, facts, to_csv, to_json
-from pmopt.units import ONE
+from pmopt.units import ONE, span_text
 
 #: Of a claim, where no budget is given.
 DEFAULT_SECONDS = 30.0
@@ -154,9 +154,7 @@ def claim_tables(result: Claim) -> list[Table]:
 
 
 def _domain(box: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
-    return ", ".join(
-        f"{name} = {low:.6g} .. {high:.6g} {units[name]}" for name, (low, high) in box.items()
-    )
+    return ", ".join(f"{name} = {span_text(ends, units[name])}" for name, ends in box.items())
 
 
 def certified_data(result: Claim | CertifiedVolume) -> list[Table]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pmopt.analysis.aspects import make_sweeper
 from pmopt.analysis.workspace import WorkspaceResult, compute_workspace
 from pmopt.errors import InputError
-from pmopt.files import LARGEST, read_file
+from pmopt.inputs.reading import LARGEST, read_file
 from pmopt.reporting import plots
 from pmopt.reporting.drawing import draw_mechanism
 from pmopt.reporting.fields import (

@@ -18,7 +18,6 @@ from pmopt.reporting.canvas import (
     INK,
     caption_parts,
     draw_index_bar,
-    draw_nothing,
     estimate_text,
     fit_axes,
     index_label,
@@ -27,7 +26,6 @@ from pmopt.reporting.canvas import (
     new_figure,
     rounded_up,
     to_picture,
-    write_caption,
     write_note,
 )
 from pmopt.reporting.chart_text import Heading, heading, name_axis
@@ -68,7 +66,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         What the caption says further.
     """
     if len(mesh.faces) == 0:
-        return draw_nothing(result)
+        return _draw_nothing(result)
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     with new_figure(7.4, 5.4) as figure:
@@ -107,7 +105,24 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
             autolim=False,
         )
         draw_index_bar(figure, figure.add_axes((0.88, 0.2, 0.02, 0.55)), scale, result)
-        write_caption(figure, result, told)
+        _write_caption(figure, result, told)
+        return to_picture(figure)
+
+
+def _write_caption(figure: Figure, result: WorkspaceResult, remarks: Sequence[str] = ()) -> None:
+    """Write mechanism, dimensions and volume above, what the index is of below."""
+    heading(figure.get_figwidth(), *caption_parts(result, remarks)).write(figure)
+    write_note(figure, result)
+
+
+def _draw_nothing(result: WorkspaceResult) -> bytes:
+    """Draw what stands for a picture of an empty workspace."""
+    with new_figure(6.0, 2.2) as figure:
+        found = "nothing reachable" if result.reachable == 0 else (
+            "the reachable set is too small for the grid of this picture"
+        )  # fmt: skip
+        figure.text(0.5, 0.42, found, ha="center", va="center", fontsize=13, color=FAINT)
+        _write_caption(figure, result)
         return to_picture(figure)
 
 
@@ -121,7 +136,7 @@ def draw_sections(sections: Sequence[Section], result: WorkspaceResult) -> bytes
         Of the same design.
     """
     if not any(np.isfinite(section.lci).any() for section in sections):
-        return draw_nothing(result)
+        return _draw_nothing(result)
     edges = list(result.settings.regions[1:-1])
     scale = index_scale(np.concatenate([section.lci.ravel() for section in sections]))
     lines = ["white lines: edges of the dexterity regions"] if edges else []
@@ -246,7 +261,7 @@ def draw_histogram(result: WorkspaceResult) -> bytes:
     result : WorkspaceResult
     """
     if result.reachable == 0:
-        return draw_nothing(result)
+        return _draw_nothing(result)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

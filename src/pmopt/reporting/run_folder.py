@@ -17,8 +17,9 @@ from typing import Any
 
 from pmopt.checkpoint import FOLDER, RUN
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import mode_of, read_json, remove_leftovers, unwritable, write_new
+from pmopt.files import mode_of, remove_leftovers, unwritable, write_new
 from pmopt.folder_lock import FolderLock
+from pmopt.inputs.reading import read_json
 from pmopt.installation import COMPUTING, versions
 from pmopt.swap import JOURNAL, LAST, NEXT, clear, is_unfinished, recover, swap
 

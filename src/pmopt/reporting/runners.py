@@ -27,7 +27,8 @@ from pmopt.analysis.validation import validated
 from pmopt.analysis.workspace import check_read
 from pmopt.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.errors import InfeasibleError, InputError, unknown_name
-from pmopt.files import read_file, read_json, sha256
+from pmopt.files import sha256
+from pmopt.inputs.reading import read_file, read_json
 from pmopt.mechanisms import find
 from pmopt.reporting import workspace_checkpoint
 from pmopt.reporting.run_folder import manifest_to_keep

@@ -17,6 +17,8 @@ from pmopt.errors import InputError
 from pmopt.inputs.examples import advice
 from pmopt.inputs.text import read_text
 
+#: Largest table, in bytes.
+_LARGEST = 1 << 32
 _SEPARATORS = (";", "\t", ",")
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma"}
 _HEAD = re.compile(r"([^\[(/]*)(?:\[(.*)\]|\((.*)\)|/(.*))?")
@@ -68,7 +70,7 @@ def read_table(path: Path, where: str, columns: Sequence[str] = ()) -> Table:
         Naming the file, and the line of what cannot be read.
     """
     try:
-        text = read_text(path, legacy=True)
+        text = read_text(path, legacy=True, largest=_LARGEST)
     except FileNotFoundError:
         raise InputError(f"{where}: no such file{advice(path)}") from None
     except OSError as error:

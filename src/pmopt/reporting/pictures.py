@@ -194,7 +194,7 @@ def _drawn(folder: Path, manifest: dict[str, Any], threads: int | None) -> dict[
             for name in ("front", "history")
         }
         return of_pareto(tables, manifest["units"], manifest)
-    except (OSError, LookupError, ValueError, TypeError, AttributeError) as error:
+    except (OSError, ArithmeticError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{folder}: the run's files are damaged: {error}") from None
 
 

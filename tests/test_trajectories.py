@@ -389,7 +389,7 @@ def test_bad_files(tmp_path, text, told):
 
 
 def test_more_of_files(tmp_path):
-    assert "cannot read" in refusal({"file": "none.csv"}, tmp_path)
+    assert "no such file" in refusal({"file": "none.csv"}, tmp_path)
     t = np.arange(11.0)
     record(tmp_path / "p.csv", t, t, t, t)
     assert "duration=11 s is longer" in refusal({"file": "p.csv", "duration": 11.0}, tmp_path)

@@ -6,6 +6,7 @@ import shutil
 import socket
 import subprocess
 import threading
+import warnings
 
 import pytest
 from cli_runner import CONFIGS, environment, error_line, here, pmopt
@@ -271,6 +272,26 @@ def test_a_value_of_another_kind(name, keys, runs, tmp_path):
             path.write_text(changed(text, place, value))
             words = commands[count // 3 % len(commands)]
             check(here(*words, "--quiet", cwd=tmp_path / "home"))
+
+
+@pytest.mark.parametrize("cell", ["inf", "1e308", "nan", "", "text"])
+def test_a_cell_of_another_kind(cell, runs, tmp_path):
+    """Drawn or refused, never with a warning of what draws."""
+    shutil.copytree(runs / "search", tmp_path / "run")
+    path = tmp_path / "run" / "front.csv"
+    head, first, *rest = path.read_text().splitlines()
+    for k, name in enumerate(head.split(",")):
+        cells = first.split(",")
+        cells[k] = cell
+        path.write_text("\n".join([head, ",".join(cells), *rest]) + "\n")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            result = here("plot", "run", "--out", "pictures", "--quiet", cwd=tmp_path)
+        check(result)
+        if cell in ("inf", "1e308"):
+            assert "front.csv has a number" in error_line(result), name
+        words = ("ik", MECH, *POSE, "--params", "@run:best-volume", "--quiet")
+        check(here(*words, cwd=tmp_path))
 
 
 def test_a_pipe_that_is_written(tmp_path):

@@ -1,10 +1,11 @@
-"""Compiling ahead: in processes of its own, what is missing only, told in one line each."""
+"""Compiling ahead: in processes of its own, what is missing only, told in a line each."""
 
+import re
 import subprocess
 
 import numpy as np
 import pytest
-from cli_runner import COMMAND, environment, json_answer
+from cli_runner import COMMAND, Terminal, environment, json_answer
 
 from pmopt import api
 from pmopt.analysis.settings import WorkspaceSettings
@@ -67,6 +68,9 @@ def test_command(tmp_path):
     assert first.returncode == 0
     assert '"2pauu-ppap": 9' in first.stdout
     assert first.stderr.count("compiling the kernels of 2pauu-ppap") == 1
+    (ended,) = re.findall(r"compiled (\d+)/(\d+) kernels\n$", first.stderr)
+    assert ended[0] == ended[1]
+    assert int(ended[0]) > 9  # those that all mechanisms share, too
     second = warm("2pauu-ppap", "--format", "json", "--quiet")
     assert '"2pauu-ppap": 0' in second.stdout
     assert second.stderr == ""
@@ -74,6 +78,26 @@ def test_command(tmp_path):
     assert wrong.returncode == 2
     assert wrong.stderr.count("\n") == 1
     assert "2pauu-ppap" in wrong.stderr
+
+
+def test_progress_on_a_terminal(tmp_path, monkeypatch):
+    monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
+    terminal = Terminal("warmup", "3-cur", "--format", "csv", cwd=tmp_path)
+    terminal.read(lambda text: re.search(r"compiling, kernel [1-9]\d*/\d+", text))
+    terminal.read()
+    code, output = terminal.close()
+    assert code == 0
+    assert output.startswith("mechanism,compiled\n3-cur,")
+
+
+def test_progress_counts_what_is_compiled(nothing_kept):
+    told = []
+    sweeper = Sweeper(find("2pauu-ppap"), WorkspaceSettings())
+    warm_up([sweeper], 2, shapes=False, progress=lambda *counts: told.append(counts))
+    assert len(told) > 1
+    assert told == [(k, len(told) - 1) for k in range(len(told))]
+    warm_up([sweeper], 2, shapes=False, progress=lambda *counts: told.append(counts))
+    assert told[-1][0] == len(told) - 1
 
 
 def test_all_mechanisms_by_default(tmp_path):

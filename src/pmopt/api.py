@@ -250,7 +250,10 @@ def certify(
 
 
 def warmup(
-    *mechanisms: str, threads: int | None = None, notify: Callable[[str], None] | None = None
+    *mechanisms: str,
+    threads: int | None = None,
+    notify: Callable[[str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
     """Compile the kernels of mechanisms ahead.
 
@@ -264,6 +267,8 @@ def warmup(
         Compilations at once.
     notify : callable, optional
         Receives a line for each mechanism that is compiled.
+    progress : callable, optional
+        Receives how many kernels are compiled and how many were missing.
 
     Returns
     -------
@@ -294,7 +299,7 @@ def warmup(
             users.append(Mover(found, found.resolve({}), found.working_modes[0]))
         if found.assembler is not None:
             users.append(Assembling(found))
-    return warm_up(users, threads or default_threads())
+    return warm_up(users, threads or default_threads(), progress=progress)
 
 
 def singularities(

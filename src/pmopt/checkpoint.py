@@ -305,8 +305,16 @@ def changes(old: Any, new: Any, grows: Mapping[str, Grows]) -> list[str]:
     return [
         f"{key}: {one} -> {other}"
         for key, one, other in differences(old, new)
-        if key not in grows or None in (one, other) or not grows[key](one, other)
+        if key not in grows or not _grows(grows[key], one, other)
     ]
+
+
+def _grows(grows: Grows, old: Any, new: Any) -> bool:
+    """Return whether a run may be continued from one value to another; never from what is none."""
+    try:
+        return None not in (old, new) and grows(old, new)
+    except TypeError:  # a damaged file may hold anything
+        return False
 
 
 def differences(old: Any, new: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -291,6 +292,8 @@ def _from_file(task: MotionTask) -> Planned:
     assert settings.file is not None  # the source
     where = f"{_place(task)}.file"
     path = task.folder / settings.file
+    if os.path.exists(path) and not os.path.isfile(path):  # it is read again, for the manifest
+        raise InputError(f"{where}: {path}: is no file")
     recording = recordings.read_recording(
         path, task.mechanism, task.driven, where, settings.largest_step
     )

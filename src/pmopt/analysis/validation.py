@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -15,13 +14,16 @@ from pmopt.errors import InputError
 from pmopt.inputs.examples import advice
 from pmopt.inputs.fields import Units, in_units
 from pmopt.inputs.identify import check_config, missing
-from pmopt.inputs.reading import check_nesting
+from pmopt.inputs.reading import parse_toml
 from pmopt.inputs.text import read_text
 from pmopt.mechanisms import names
 
 Model = TypeVar("Model", bound=BaseModel)
 #: Parts of an error's place that name an alternative of a type, no key.
 _ALTERNATIVE = re.compile(r"(function-|tuple\[|dict\[|literal\[|constrained-)|(int|float|str)$")
+
+#: Largest TOML file, in bytes: some hundred thousand waypoints.
+_LARGEST = 1 << 25
 
 
 def validated(model: type[Model], data: Any, where: str, units: Units | None = None) -> Model:
@@ -49,14 +51,13 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
         For a file that can not be read or is no TOML.
     """
     try:
-        data = tomllib.loads(read_text(path))
-        check_nesting(data)
+        data = parse_toml(read_text(path, largest=_LARGEST))
         str(data)  # Python refuses to print whole numbers of thousands of digits
     except FileNotFoundError:
         raise InputError(f"{where}: no such file{advice(path)}") from None
     except OSError as error:
         raise InputError(f"{where}: can not read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"{where}: is no TOML file: {error}") from None
     return data
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from pmopt.analysis.sweeper import Sweeper
@@ -19,6 +19,7 @@ def warm_up(
     workers: int,
     shapes: bool = True,
     extremes: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
     """Compile what is missing of all that workspaces, their shapes and motions call.
 
@@ -33,6 +34,8 @@ def warm_up(
         False leaves out what only shapes, positions and pictures call.
     extremes : bool
         Without shapes, keep what looks for the extremes of the index.
+    progress : callable, optional
+        Receives how many kernels are compiled and how many were missing.
 
     Returns
     -------
@@ -55,5 +58,5 @@ def warm_up(
         wanted += new
         missing.setdefault(user.mechanism.name, 0)
         missing[user.mechanism.name] += sum(not c.is_compiled(name) for c, name in new)
-    compile_ahead(wanted, workers)
+    compile_ahead(wanted, workers, progress)
     return missing

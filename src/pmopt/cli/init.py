@@ -54,6 +54,7 @@ def init_command(
 
     \b
     Example:
+      pmopt init 2pauu-ppap --out my-design.toml
       pmopt init motion 3-cur --out my-motion.toml
       pmopt init --example quickstart
     """
@@ -99,7 +100,7 @@ def _asked(words: Sequence[str]) -> tuple[str, Mechanism]:
     except InputError:
         if kinds:
             raise
-        raise unknown_name("KIND or MECH", others[0], [*KINDS, *names()]) from None
+        raise unknown_name("kind or mechanism", others[0], [*KINDS, *names()]) from None
 
 
 def _write(files: dict[Path, bytes], force: bool) -> None:

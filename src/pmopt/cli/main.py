@@ -16,6 +16,8 @@ from pmopt.cli.interrupt import Interrupted
 from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.version import __version__
 
+#: Longest line of an error, in characters: what a damaged file holds may be of any length.
+_LONGEST = 2000
 EXIT_RUNTIME, EXIT_USAGE, EXIT_INFEASIBLE, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 #: Subcommand -> (module, one-line help): the help is shown without importing the module.
@@ -89,7 +91,10 @@ def cli(ctx: click.Context) -> None:
 
 
 def _fail(message: str, code: int) -> int:
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    line = " ".join(message.split())
+    if len(line) > _LONGEST:
+        line = f"{line[: _LONGEST // 2]} .. {line[-_LONGEST // 2 :]}"
+    click.echo(f"error: {line}", err=True)
     return code
 
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
 import click
 
 from pmopt.cli import options
-from pmopt.cli.output import emit, notifier
+from pmopt.cli.output import emit, notifier, progress_bar
 from pmopt.mechanisms import names
+
+#: Seconds between two lines of progress, off a terminal.
+_EVERY = 10.0
 
 
 @click.command("warmup")
@@ -28,6 +35,26 @@ def warmup_command(
     from pmopt import api
     from pmopt.reporting.table import Table
 
-    found = api.warmup(*(mechanisms or names()), threads=threads, notify=notifier(quiet))
+    with _progress(quiet) as progress:
+        found = api.warmup(
+            *(mechanisms or names()), threads=threads, notify=notifier(quiet), progress=progress
+        )
     table = Table("Kernels", ("mechanism", "compiled"), tuple(found.items()), {})
     emit(form, {"compiled": found}, [table])
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """Show how many kernels are compiled: a bar, or a line now and then."""
+    said = time.monotonic()
+    with progress_bar(quiet, "compiling", "kernels") as report:
+
+        def progress(done: int, planned: int) -> None:
+            nonlocal said
+            if report is not None:
+                report(done, planned, f"compiling, kernel {done}/{planned}")
+            elif not quiet and (done == planned or time.monotonic() - said >= _EVERY):
+                said = time.monotonic()
+                click.echo(f"compiled {done}/{planned} kernels", err=True)
+
+        yield progress

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import stat
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pmopt.errors import InputError
 from pmopt.inputs.examples import advice
-from pmopt.inputs.reading import read_json
+from pmopt.inputs.reading import parse_toml, read_json
 from pmopt.inputs.text import read_text
 
 MANIFEST = "manifest.json"
@@ -54,8 +53,8 @@ def describe(path: Path) -> str:
         return _describe_run(path)
     if suffix == ".toml":
         try:
-            data = tomllib.loads(read_text(path))
-        except (OSError, ValueError, RecursionError):
+            data = parse_toml(read_text(path))
+        except (OSError, ValueError):
             return ""
         return describe_config(data, path)
     if suffix == ".csv":

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import copy
 import re
-import tomllib
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
 from pmopt.errors import InputError
+from pmopt.inputs.reading import parse_toml
 
 SET = "--set"
 #: Most values of a range.
@@ -45,8 +45,8 @@ def read_overrides(texts: Sequence[str]) -> dict[str, str]:
 def toml_value(text: str) -> Any:
     """Return the value of a text as TOML has it, or the text."""
     try:
-        found = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        found = parse_toml(f"value = {text}")
+    except ValueError:
         return text
     return found["value"] if len(found) == 1 else text
 

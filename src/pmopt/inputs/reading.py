@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import select
 import stat
 import tempfile
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,10 +21,15 @@ LARGEST = 1 << 28
 LARGEST_OF_LINES = 1 << 34
 #: Deepest nesting that is taken for one of our files, or a person's.
 DEEPEST = 64
+#: A dotted key of more parts than that; words begin where none goes on, so that no long one is
+#: looked at from each of its letters.
+_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
 #: Largest whole number in one of our files.
 _LARGEST_WHOLE = 1 << 64
 #: Seconds within which a pipe must have a writer, and bytes that are asked for at once.
 _WAIT, _CHUNK = 1.0, 1 << 20
+#: More zero bytes in a row than any text has, in any encoding.
+_HOLE = b"\0" * 8
 
 
 def read_file(path: Path, largest: int = LARGEST) -> bytes:
@@ -52,7 +59,17 @@ def _read(path: Path, largest: int, pipes: bool) -> bytes:
         if pipes and _is_pipe(stream):
             return b"".join(_drained(stream.fileno(), path, largest))
         _check_file(stream, path, largest)
-        return stream.read(largest + 1)
+        return _whole(stream, largest) if pipes else stream.read(largest + 1)
+
+
+def _whole(stream: BinaryIO, largest: int) -> bytes:
+    """Return all of a file but where it is no text: a hole of gigabytes is not read."""
+    parts: list[bytes] = []
+    while part := stream.read(min(_CHUNK, largest + 1)):
+        parts.append(part)
+        if _HOLE in part:
+            break
+    return b"".join(parts)
 
 
 def open_given(path: Path, largest: int = LARGEST_OF_LINES) -> BinaryIO:
@@ -148,18 +165,38 @@ def parse_json(text: str) -> Any:
     Raises
     ------
     ValueError
-        For what is no JSON, has NaN, infinity or a number without end in it, or is nested deeper
-        than any file of pmopt.
+        For what is no JSON, has NaN, infinity, too large a number or half a character in it, or is
+        nested deeper than any file of pmopt.
     """
     try:
         document = json.loads(text, parse_constant=_refuse)
     except RecursionError:
         raise ValueError("nested too deeply") from None
+    if "\\ud" in text.lower():  # half a pair is no character, and cannot be written
+        json.dumps(document, ensure_ascii=False).encode("utf-8")
     for value in check_nesting(document):
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError("a number is beyond what a double holds")
         if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
             raise ValueError("a whole number is too large")
+    return document
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return what a text of TOML holds.
+
+    Raises
+    ------
+    ValueError
+        Also for tables and lists that are nested too deeply.
+    """
+    if _DEEP_KEY.search(text):  # takes the parser a time that grows with the square
+        raise ValueError("nested too deeply")
+    try:
+        document = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    check_nesting(document)
     return document
 
 

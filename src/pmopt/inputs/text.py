@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from pmopt.inputs.reading import open_given, read_given
+from pmopt.inputs.reading import LARGEST, open_given, read_given
 
 #: Byte-order marks; the longer ones first, since that of UTF-32 begins with that of UTF-16.
 _MARKS = (
@@ -39,8 +39,6 @@ def decode(data: bytes, *, legacy: bool = False) -> str:
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             return data[len(mark) :].decode(encoding)
-    if data.startswith(b"\0\0\0\0"):  # before gigabytes of them are made a text
-        raise ValueError("it holds zero bytes, which no text has")
     # Without a mark every second byte of Latin text in UTF-16 is zero; UTF-8 has no zeros.
     if b"\0" in data[:2]:
         text = data.decode("utf-16-be" if data[0] == 0 else "utf-16-le")
@@ -56,15 +54,15 @@ def decode(data: bytes, *, legacy: bool = False) -> str:
     return text
 
 
-def read_text(path: Path, *, legacy: bool = False) -> str:
-    """Return the text of a file; see :func:`decode`.
+def read_text(path: Path, *, legacy: bool = False, largest: int = LARGEST) -> str:
+    """Return the text of a file of at most ``largest`` bytes; see :func:`decode`.
 
     Raises
     ------
     OSError, ValueError
         See :func:`pmopt.inputs.reading.read_given`.
     """
-    return decode(read_given(path), legacy=legacy)
+    return decode(read_given(path, largest), legacy=legacy)
 
 
 class Lines:

@@ -26,6 +26,7 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import queue
 import stat
 import subprocess
 import sys
@@ -364,7 +365,11 @@ class Compiled:
         return module
 
 
-def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
+def compile_ahead(
+    wanted: Sequence[tuple[Compiled, str]],
+    workers: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
     """Compile what is missing of the entries wanted, in processes of their own.
 
     Whatever a process can not do is done later, by the call that needs it.
@@ -374,6 +379,8 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
     wanted : sequence of (Compiled, entry name)
     workers : int
         Processes at most.
+    progress : callable, optional
+        Receives how many are compiled and how many were missing, at first and after each.
     """
     missing = [(c, name) for c, name in wanted if not c.is_compiled(name)]
     if not missing:
@@ -384,19 +391,24 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
             compiled.on_compile = None
     # The longest texts first; each process takes the next one when it has done one.
     missing.sort(key=lambda item: -len(item[0].text))
-    queue = iter([json.dumps([c.text, c.entries, name]) + "\n" for c, name in missing])
+    lines = iter([json.dumps([c.text, c.entries, name]) + "\n" for c, name in missing])
     command = [sys.executable, "-c", f"from {__name__} import _serve; _serve()"]
     processes: list[subprocess.Popen[str]] = []
+    done: queue.SimpleQueue[bool] = queue.SimpleQueue()  # True for a kernel, False for a thread
 
     def feed(process: subprocess.Popen[str]) -> None:
         assert process.stdin is not None and process.stdout is not None
-        with contextlib.suppress(OSError):
-            for line in queue:
-                process.stdin.write(line)
-                process.stdin.flush()
-                if not process.stdout.readline():
-                    break
-            process.stdin.close()
+        try:
+            with contextlib.suppress(OSError):
+                for line in lines:
+                    process.stdin.write(line)
+                    process.stdin.flush()
+                    if not process.stdout.readline():
+                        break
+                    done.put(True)
+                process.stdin.close()
+        finally:
+            done.put(False)
 
     try:
         with _counted():
@@ -409,8 +421,15 @@ def compile_ahead(wanted: Sequence[tuple[Compiled, str]], workers: int) -> None:
             threads = [threading.Thread(target=feed, args=(p,), daemon=True) for p in processes]
             for thread in threads:
                 thread.start()
-            for thread in threads:
-                thread.join()
+            report = progress or (lambda count, planned: None)  # by this thread: it may print
+            report(0, len(missing))
+            count, working = 0, len(threads)
+            while working:
+                if done.get():
+                    count += 1
+                    report(count, len(missing))
+                else:
+                    working -= 1
     finally:
         for process in processes:
             process.kill()

@@ -533,11 +533,25 @@ def _read_plan(folder: Path) -> dict[str, Any] | None:
     """Return what a batch's folder is to hold, None where there is no batch."""
     try:
         document = read_json(folder / PLAN)
-        if document["schema"] != SCHEMA or not isinstance(document["runs"], list):
+        shard, runs = document["shard"], document["runs"]
+        if document["schema"] != SCHEMA or not all(map(_is_planned, runs)):
             return None
-        return {"shard": document["shard"], "runs": document["runs"]}
-    except (OSError, ValueError, KeyError, TypeError):
+        if shard is not None:
+            parse_shard(shard)
+        return {"shard": shard, "runs": list(runs)}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError):
         return None
+
+
+def _is_planned(run: Any) -> bool:
+    """Return whether this is a run of a plan, as :meth:`PlannedRun.to_dict` gives it."""
+    texts = [run[key] for key in ("name", "command", "mechanism", "source", "config_sha256")]
+    return (
+        all(isinstance(text, str) for text in texts)
+        and Path(run["name"]).name == run["name"] not in ("", "..")
+        and run["command"] in RUNNERS
+        and all(not isinstance(cell, list | dict) for cell in run["swept"].values())
+    )
 
 
 def merge(folders: Sequence[Path], out: Path, force: bool = False) -> BatchResult:

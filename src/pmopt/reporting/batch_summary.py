@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -208,6 +209,21 @@ def _common_units(runs: Sequence[RunSummary]) -> dict[str, str]:
     return {name: units.pop() for name, units in found.items() if len(units) == 1}
 
 
+def _checked(results: Results) -> Results:
+    """Return results that are numbers and names of units; a damaged file may hold anything.
+
+    Raises
+    ------
+    TypeError, ValueError
+    """
+    for name, value in results.values.items():
+        if value is not None and not math.isfinite(value):
+            raise ValueError(f"{name} is no finite number")
+    if not all(isinstance(unit, str) for unit in results.units.values()):
+        raise TypeError("a unit is no text")
+    return results
+
+
 def summary_of(planned: Mapping[str, Any], folder: Path) -> RunSummary:
     """Return what has become of a planned run, by what is in its folder."""
     status: Status = "pending"
@@ -215,14 +231,23 @@ def summary_of(planned: Mapping[str, Any], folder: Path) -> RunSummary:
     manifest = read_manifest(folder)
     if manifest is not None:
         try:
-            results = RUNNERS[planned["command"]].results(folder, manifest)
+            results = _checked(RUNNERS[planned["command"]].results(folder, manifest))
             status, wall_time = "finished", float(manifest["wall_time"])
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+        except (
+            OSError,
+            ArithmeticError,
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            csv.Error,
+        ) as error:
             status, message = "failed", f"{folder}: files of a finished run are damaged ({error!r})"
     else:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             failure = read_json(folder / FAILURE)
-            status, message = failure["status"], str(failure["message"])
+            if failure["status"] in ("infeasible", "failed"):
+                status, message = failure["status"], str(failure["message"])
     return RunSummary(
         planned["name"], planned["command"], planned["mechanism"], planned["source"],
         planned["swept"], folder, status, message, results, wall_time,

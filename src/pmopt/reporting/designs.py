@@ -7,20 +7,23 @@ number, or ``best-<objective>``.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pmopt.analysis.rows import parse_number
 from pmopt.analysis.validation import read_toml
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.examples import advice
+from pmopt.inputs.reading import parse_json
 from pmopt.inputs.tables import Table, read_table
+from pmopt.inputs.text import read_text
 from pmopt.mechanisms import Mechanism, find
 from pmopt.reporting.run_folder import MANIFEST
 from pmopt.synthesis.config import SENSES
+from pmopt.units import ONE
 
 FRONT = "front.csv"
 KNEE = "knee"
@@ -84,10 +87,10 @@ def _split(reference: str) -> tuple[Path, str | None]:
 
 def _json(path: Path, where: str) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_bytes())
+        document = parse_json(read_text(path))
     except OSError as error:
         raise InputError(f"{where}: {path}: cannot read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"{where}: {path}: is no JSON file: {error}") from None
     if not isinstance(document, dict):
         raise InputError(f"{where}: {path}: is no run and no result of one")
@@ -113,30 +116,34 @@ def _of_manifest(
     mechanism: Mechanism,
     where: str,
 ) -> Design:
-    if document["command"] != "pareto":
+    if document.get("command") != "pareto":
         for key in ("config", "task"):
             if isinstance(document.get(key), dict):
                 return _of_document({**document, **document[key]}, chosen, mechanism, where)
         return _of_document(document, chosen, mechanism, where)
-    config = document.get("config")
-    if not isinstance(config, dict):
+    config, result = document.get("config"), document.get("result")
+    if not (
+        isinstance(config, dict)
+        and isinstance(result, dict)
+        and all(isinstance(config.get(key), dict) for key in ("parameters", "workspace"))
+        and isinstance(config.get("objectives"), list)
+    ):
         raise InputError(f"{where}: {folder / MANIFEST}: is no manifest of a search")
     _check_mechanism(config, mechanism, where)
     if chosen is None:
-        objectives = config.get("objectives", ())
-        best = ", ".join(f":{_BEST}{name}" for name in objectives)
+        best = ", ".join(f":{_BEST}{name}" for name in config["objectives"])
         raise InputError(
             f"{where}: a search has many designs: :{KNEE}, {best} or the number of one is needed"
         )
     if chosen == KNEE:
-        knee = document.get("result", {}).get(KNEE, {})
-        if not isinstance(knee.get("params"), dict):
+        knee = result.get(KNEE)
+        if not isinstance(knee, dict) or not isinstance(knee.get("params"), dict):
             raise InputError(f"{where}: {folder / MANIFEST}: names no knee")
         parameters = dict(knee["params"])
     else:
-        fixed = {k: v for k, v in config.get("parameters", {}).items() if not _is_range(v)}
+        fixed = {k: v for k, v in config["parameters"].items() if not _is_range(v)}
         parameters = fixed | _of_table(folder / FRONT, chosen, mechanism, where).parameters
-    mode = config.get("workspace", {}).get("working_mode")
+    mode = config["workspace"].get("working_mode")
     notes: tuple[str, ...] = ()
     if mode not in (None, mechanism.working_modes[0]):
         notes = (f"{where}: the search was in working mode {mode}: --working-mode {mode}",)
@@ -168,7 +175,10 @@ def _row(table: Table, chosen: str | None, where: str) -> tuple[str, ...]:
         if chosen not in choices:
             raise unknown_name(where, chosen, choices)
         name = chosen.removeprefix(_BEST)
-        values = [float(cell) * SENSES[name] for cell in table.column(name)]
+        values = [
+            SENSES[name] * parse_number(f"{where}, line {line}", name, cell, ONE)
+            for line, cell in zip(table.lines, table.column(name), strict=True)
+        ]
         return table.cells[values.index(max(values))]
     if chosen not in numbers:
         raise InputError(

@@ -15,6 +15,7 @@ from pmopt.analysis.motion_config import MotionTask
 from pmopt.analysis.motion_summary import Demand, broken_limits, columns, demands
 from pmopt.analysis.recordings import Residual
 from pmopt.analysis.trajectories import Planned, plan_trajectory
+from pmopt.inputs.reading import LARGEST_OF_LINES, read_file
 from pmopt.reporting.gallery import write_pictures
 from pmopt.reporting.run_folder import RunFolder, claimed
 from pmopt.reporting.streams import csv_pieces
@@ -232,7 +233,7 @@ def write_origin(task: MotionTask, folder: RunFolder) -> dict[str, Any]:
     inputs = {}
     if source is not None:
         inputs = {RECORDING: source}
-        folder.write(RECORDING, (task.folder / source).read_bytes())
+        folder.write(RECORDING, read_file(task.folder / source, LARGEST_OF_LINES))
         config["trajectory"]["file"] = RECORDING
     bodies = [
         {"name": b.name, "mass": b.mass, "centre": b.centre.tolist(),

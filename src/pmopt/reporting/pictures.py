@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+#: Larger values are none of a front's, and leave what an axis can show.
+_LARGEST_VALUE = 1e100
+
 
 def of_workspace(
     task: WorkspaceTask, result: WorkspaceResult, threads: int | None = None
@@ -217,12 +220,13 @@ def _drawn(folder: Path, manifest: dict[str, Any], threads: int | None) -> dict[
 
         if manifest["command"] != "pareto":
             raise InputError(f"{folder}: a {manifest['command']} run has no pictures")
-        tables = {
-            name: pd.read_csv(io.BytesIO(read_file(folder / f"{name}.csv")))
-            for name in ("front", "history")
-        }
+        tables = {}
+        for name in ("front", "history"):
+            tables[name] = pd.read_csv(io.BytesIO(read_file(folder / f"{name}.csv")))
+            if (tables[name].select_dtypes("number").abs() > _LARGEST_VALUE).any(axis=None):
+                raise ValueError(f"{name}.csv has a number that none of its columns can have")
         return of_pareto(tables, manifest["units"], manifest)
-    except (OSError, LookupError, ValueError, TypeError, AttributeError) as error:
+    except (OSError, ArithmeticError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{folder}: the run's files are damaged: {error}") from None
 
 

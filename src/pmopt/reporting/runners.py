@@ -426,7 +426,7 @@ class MotionRunner(Runner):
         document = json.loads(json.dumps(self.document()))
         name = self.task.config.trajectory.file
         if name is not None:
-            document["trajectory"]["sha256"] = sha256((self.task.folder / name).read_bytes())
+            document["trajectory"]["sha256"] = sha256(read_file(self.task.folder / name))
         return dict(document)
 
     def ready(self, notify: Notify | None = None) -> Mover:

@@ -257,7 +257,7 @@ def warmup(
 ) -> dict[str, int]:
     """Compile the kernels of mechanisms ahead.
 
-    What motions, forward kinematics and default workspaces need.
+    What motions, many poses and default workspaces need.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def warmup(
         By mechanism, the number of kernels that were missing.
     """
     from pmopt.analysis.dynamics import Mover
-    from pmopt.analysis.kinematics import Assembling
+    from pmopt.analysis.kinematics import Assembling, Inverting
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.sweeper import Sweeper
     from pmopt.analysis.warmup import warm_up
@@ -289,7 +289,7 @@ def warmup(
             told.add(line)
             notify(line)
 
-    users: list[Sweeper | Mover | Assembling] = []
+    users: list[Sweeper | Mover | Assembling | Inverting] = []
     for name in mechanisms or names():
         found = find(name)
         users.append(Sweeper(found, WorkspaceSettings(), notify=once))
@@ -299,6 +299,8 @@ def warmup(
             users.append(Mover(found, found.resolve({}), found.working_modes[0]))
         if found.assembler is not None:
             users.append(Assembling(found))
+        if found.inverter is not None:
+            users.append(Inverting(found))
     return warm_up(users, threads or default_threads(), progress=progress)
 
 

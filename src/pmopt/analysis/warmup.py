@@ -11,11 +11,11 @@ from pmopt.numerics.compiled import compile_ahead
 
 if TYPE_CHECKING:  # a workspace does without
     from pmopt.analysis.dynamics import Mover
-    from pmopt.analysis.kinematics import Assembling
+    from pmopt.analysis.kinematics import Assembling, Inverting
 
 
 def warm_up(
-    users: Iterable[Sweeper | Mover | Assembling],
+    users: Iterable[Sweeper | Mover | Assembling | Inverting],
     workers: int,
     shapes: bool = True,
     extremes: bool = False,
@@ -27,7 +27,7 @@ def warm_up(
 
     Parameters
     ----------
-    users : iterable of Sweeper, Mover and Assembling
+    users : iterable of Sweeper, Mover, Assembling and Inverting
     workers : int
         Processes at most.
     shapes : bool

@@ -3,11 +3,11 @@
 A text is compiled by numba entry by entry, when an entry is first called. What is kept is the
 object code; a later process loads it with llvmlite alone, in a few milliseconds where importing
 numba takes half a second. The folder of a text is named after the hash of the text, the versions
-of numba, llvmlite, NumPy and Python, what the environment tells numba, this file, and the processor
-that code is made for: an edit anywhere changes the folder, so that machine code can not go stale.
-Files are written whole or not at all, so that processes that begin at once on an empty cache do not
-meet half a file, and begin with a hash of their place and content: what is cut short, altered or
-another entry's is compiled anew, never run.
+of numba, llvmlite, NumPy and Python, what the environment tells numba, this file and the one by
+which code is optimised, and the processor that code is made for: an edit anywhere changes the
+folder, so that machine code cannot go stale. Files are written whole or not at all, so that
+processes that begin at once on an empty cache do not meet half a file, and begin with a hash of
+their place and content: what is cut short, altered or another entry's is compiled anew, never run.
 
 Code is made for the processor at hand. Texts ask for no fast arithmetic, so that its bits are those
 of code for any other. ``$PMOPT_TARGET`` says ``haswell`` for code that every x86-64 with AVX2 and
@@ -40,7 +40,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pmopt.numerics import whole_program
 from pmopt.numerics.undisturbed import IDLE, undisturbed
+from pmopt.numerics.whole_program import collecting_nothing, compiled_as_text
 
 #: Symbols that numba's code refers to where it raises or frees. Entries do neither: each is bound
 #: to ``abort``, so that a mistake ends the process and never goes on with wrong numbers.
@@ -189,7 +191,7 @@ def _machine() -> tuple[str, ...]:
         llvmlite.__version__,
         np.__version__,
         sys.version,
-        Path(__file__).read_text(encoding="utf-8"),
+        *(Path(f).read_text(encoding="utf-8") for f in (__file__, whole_program.__file__)),
         *(
             f"{k}={v}"
             for k, v in sorted(os.environ.items())
@@ -466,7 +468,6 @@ def _serve() -> None:
 
 def _object_code(entry: Entry, function: Any) -> bytes:
     """Compile an entry for calls through pointers and return the object code."""
-    import llvmlite.binding as llvm
     from numba import carray, cfunc, types
 
     kinds = {name: getattr(types, name) for name in _KINDS}
@@ -487,10 +488,12 @@ def _object_code(entry: Entry, function: Any) -> bytes:
     source = f"def outer({', '.join(names)}):\n    inner({', '.join(views)})\n"
     scope = {"inner": function, "carray": carray}
     exec(source, scope)
-    outer = cfunc(types.void(*signature), nopython=True, error_model="numpy")(scope["outer"])
-    text = outer.inspect_llvm().replace(outer.native_name, _SYMBOL)
+    with collecting_nothing(), compiled_as_text() as optimised:
+        outer = cfunc(types.void(*signature), nopython=True, error_model="numpy")(scope["outer"])
+        text = outer.inspect_llvm().replace(outer.native_name, _SYMBOL)
+        module = optimised(outer, text, _SYMBOL)
     _initialize()
-    code: bytes = _target_machine().emit_object(llvm.parse_assembly(text))
+    code: bytes = _target_machine().emit_object(module)
     return code
 
 

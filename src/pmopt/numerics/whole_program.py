@@ -71,8 +71,15 @@ def compiled_as_text() -> Iterator[Callable[[Any, str, str], Any]]:
         owner._ensure_finalized()
         return 0
 
+    def unless_inlined(owner: Any) -> None:
+        own = [f for f in owner._final_module.functions
+               if not f.is_declaration and f.linkage == llvm.Linkage.external]
+        if not any(b"alwaysinline" in a for f in own for a in f.attributes):
+            optimise(owner)
+
     instead: dict[str, Callable[..., Any]] = {
         "_optimize_functions": laid_out, "get_pointer_to_function": nowhere,
+        "_optimize_final_module": unless_inlined,
     }  # fmt: skip
     with global_compiler_lock, contextlib.ExitStack() as stack:  # no other thread compiles
         for kind, name in methods:

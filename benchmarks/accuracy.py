@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sweep import numpy_lci
 
-from pmopt.analysis.estimates import from_replicates
 from pmopt.analysis.settings import DEFAULT_REPLICATES, WorkspaceSettings
-from pmopt.analysis.sweeper import Design, Sweeper
-from pmopt.analysis.workspace import measure_to_target
+from pmopt.analysis.workspace.compute import measure_to_target
+from pmopt.analysis.workspace.estimates import from_replicates
+from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.errors import PmoptError
 from pmopt.mechanisms import Mechanism, find, names
 from pmopt.numerics.sequences import make_grid

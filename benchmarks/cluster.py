@@ -21,15 +21,15 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import BLOCK_CHUNKS, CHUNK, Sweeper
-from pmopt.cluster import Cluster
+from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK, Sweeper
+from pmopt.execution.cluster import Cluster
+from pmopt.execution.workers import LocalWorkers
 from pmopt.mechanisms import find
-from pmopt.reporting.batch_plan import plan_runs
-from pmopt.reporting.batch_run import Batch
-from pmopt.reporting.batch_summary import RunSummary
+from pmopt.reporting.batch.plan import plan_runs
+from pmopt.reporting.batch.run import Batch
+from pmopt.reporting.batch.summary import RunSummary
 from pmopt.synthesis.config import resolve_config
 from pmopt.synthesis.problem import DesignProblem
-from pmopt.workers import LocalWorkers
 
 ROOT = Path(__file__).resolve().parents[1]
 MECHANISM = "2pauu-ppap"

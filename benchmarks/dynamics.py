@@ -18,13 +18,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from pmopt.analysis.dynamics import Mover
-from pmopt.analysis.engine import Engine
-from pmopt.analysis.mjcf import to_mjcf
-from pmopt.analysis.motion import compute_motion
-from pmopt.analysis.motion_config import load_motion
-from pmopt.analysis.simulation import simulate_motion, tree_of
-from pmopt.analysis.trajectories import plan_trajectory
+from pmopt.analysis.motion.compute import compute_motion
+from pmopt.analysis.motion.config import load_motion
+from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.motion.trajectories import plan_trajectory
+from pmopt.analysis.multibody.mjcf import to_mjcf
+from pmopt.analysis.multibody.mujoco_engine import Engine
+from pmopt.analysis.multibody.simulation import simulate_motion, tree_of
 
 MOTIONS = Path(__file__).resolve().parents[1] / "configs" / "motion"
 NAMES = ("2pauu-ppap-pick-and-place", "2uu-upu-t1", "3-cur-eq16", "3-ups-sp-strokes",

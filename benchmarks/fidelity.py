@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pmopt.reporting.pareto_run import ParetoRun, run_pareto
+from pmopt.reporting.runs.pareto_run import ParetoRun, run_pareto
 from pmopt.synthesis.config import RunConfig, resolve_config
 from pmopt.synthesis.optimise import hypervolume
 from pmopt.synthesis.problem import DesignProblem

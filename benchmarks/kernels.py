@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Design, Sweeper, Tallies, chunk_ranges
+from pmopt.analysis.workspace.sweeper import Design, Sweeper, Tallies, chunk_ranges
 from pmopt.mechanisms import find
 from pmopt.numerics.sequences import Sequence
 

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.settings import DEFAULT_REPLICATES, WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper, chunk_ranges
-from pmopt.files import write_atomic
+from pmopt.analysis.workspace.sweeper import Sweeper, chunk_ranges
 from pmopt.mechanisms import find
-from pmopt.reporting.canvas import FAINT, LINE, new_figure, to_picture
+from pmopt.reporting.pictures.style import FAINT, LINE, new_figure, to_picture
+from pmopt.storage.files import write_atomic
 from pmopt.synthesis.config import resolve_config
 from pmopt.synthesis.problem import DesignProblem
 

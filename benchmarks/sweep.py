@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper, chunk_ranges
+from pmopt.analysis.workspace.sweeper import Sweeper, chunk_ranges
 from pmopt.mechanisms import find
 from pmopt.numerics.sequences import make_grid
 

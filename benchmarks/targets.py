@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Design, Sweeper, Tallies
+from pmopt.analysis.workspace.sweeper import Design, Sweeper, Tallies
+from pmopt.compiler import program_text
+from pmopt.compiler.machine_code import TARGETS
 from pmopt.mechanisms import find, names
-from pmopt.numerics import specialise
-from pmopt.numerics.compiled import TARGETS
 from pmopt.numerics.sequences import Sequence
 
 REPEATS = 9
@@ -40,7 +40,7 @@ class Case(NamedTuple):
 def made(target: str, name: str) -> Case:
     """Return a mechanism's sweep, compiled for a target."""
     os.environ["PMOPT_TARGET"] = target
-    specialise._loaded.clear()  # texts are kept with the code of the target they were loaded for
+    program_text._loaded.clear()  # texts are kept with the code of the target they were loaded for
     mechanism = find(name)
     sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1, notify=print)
     case = Case(sweeper, sweeper.design(mechanism.resolve({})), sweeper.sequence(1))

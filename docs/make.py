@@ -26,7 +26,7 @@ from making import makers, pictures, timings
 from making.pages import ROOT, Block, Finding, Page, Picture, Says, Statement
 from making.registry import MAKERS, Maker, run
 
-from pmopt.files import write_atomic
+from pmopt.storage.files import write_atomic
 
 
 def chosen(only: Sequence[str], slow: bool) -> list[Maker]:

@@ -25,8 +25,8 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from killing import Killed, checkpoints, kill_and_resume, outputs, start
 
-from pmopt.analysis.sweeper import BLOCK_CHUNKS, CHUNK
-from pmopt.reporting import workspace_checkpoint
+from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK
+from pmopt.reporting.runs import workspace_checkpoint
 
 BLOCK = BLOCK_CHUNKS * CHUNK
 SEARCH = """

@@ -5,8 +5,9 @@ import os
 import pytest
 from hypothesis import settings
 
+from pmopt.compiler import program_text
+from pmopt.kernels import assembly
 from pmopt.mechanisms import find, names
-from pmopt.numerics import assembly, specialise
 
 # Workers of xdist are given 80: tables would be narrower than off a terminal.
 os.environ.pop("COLUMNS", None)
@@ -31,7 +32,7 @@ def mechanism(request):
 def empty_cache(monkeypatch, tmp_path):
     """Point the cache of compiled kernels at an empty folder and forget what is loaded."""
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(specialise, "_loaded", {})
+    monkeypatch.setattr(program_text, "_loaded", {})
     monkeypatch.setattr(assembly, "_loaded", {})
     return tmp_path
 

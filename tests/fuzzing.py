@@ -35,17 +35,18 @@ def folder():
 @contextlib.contextmanager
 def nothing_drawn():
     """Leave out the pictures, which take a thousand times longer than what is drawn here."""
-    from pmopt.reporting import motion_plots, pictures
+    from pmopt.reporting.pictures import motion_plots
+    from pmopt.reporting.runs import run_pictures
 
     def nothing(*_):
         return {}
 
-    kept = pictures.of_workspace, pictures.of_pareto, motion_plots.draw_motion
-    pictures.of_workspace = pictures.of_pareto = motion_plots.draw_motion = nothing
+    kept = run_pictures.of_workspace, run_pictures.of_pareto, motion_plots.draw_motion
+    run_pictures.of_workspace = run_pictures.of_pareto = motion_plots.draw_motion = nothing
     try:
         yield
     finally:
-        pictures.of_workspace, pictures.of_pareto, motion_plots.draw_motion = kept
+        run_pictures.of_workspace, run_pictures.of_pareto, motion_plots.draw_motion = kept
 
 
 def run(words, cwd):

@@ -12,9 +12,9 @@ from cli_runner import COMMAND, TIMEOUT, environment
 WORKSPACE = """
 import sys, types
 from pmopt.cli import entry
-from pmopt.reporting import workspace_checkpoint as kept
+from pmopt.reporting.runs import workspace_checkpoint
 kept.EVERY = 0.0
-sys.modules["pmopt.reporting.pictures"] = types.SimpleNamespace(of_workspace=lambda *_: {})
+sys.modules["pmopt.reporting.runs.run_pictures"] = types.SimpleNamespace(of_workspace=lambda *_: {})
 entry.main()
 """
 

@@ -211,7 +211,7 @@ def fill(sequence, replicate, first, count, lower, width):
     The package's own function as plain Python, block by block: the sequences themselves are
     checked in test_sequences.py.
     """
-    from pmopt.numerics import sweep
+    from pmopt.kernels import sweep
 
     points = np.empty((len(lower), count))
     block = np.empty((len(lower), sweep.BLOCK))

@@ -30,9 +30,10 @@ from hypothesis import strategies as st
 
 import pmopt as package
 from pmopt.errors import InputError, InputErrors, PmoptError
+from pmopt.execution.workers import ATTEMPTS, LocalWorkers
 from pmopt.mechanisms import find, names
-from pmopt.reporting import batch_run
-from pmopt.reporting.batch_plan import (
+from pmopt.reporting.batch import run as batch_run
+from pmopt.reporting.batch.plan import (
     MAX_NAME,
     expand,
     find_configs,
@@ -41,10 +42,9 @@ from pmopt.reporting.batch_plan import (
     plan_runs,
     unique_names,
 )
-from pmopt.reporting.batch_run import Batch, Job, merge, run_job
-from pmopt.reporting.pareto_run import run_pareto
-from pmopt.reporting.runners import RUNNERS, Results, Runner, resolve
-from pmopt.workers import ATTEMPTS, LocalWorkers
+from pmopt.reporting.batch.run import Batch, Job, merge, run_job
+from pmopt.reporting.batch.runners import RUNNERS, Results, Runner, resolve
+from pmopt.reporting.runs.pareto_run import run_pareto
 
 MECH = "2pauu-ppap"
 TABLES = ["front.csv", "regions.csv", "history.csv", "evaluations.csv"]

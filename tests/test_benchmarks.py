@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find, names
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"

@@ -8,9 +8,9 @@ from cli_runner import error_line, here, json_answer
 from test_dynamics import MOVED, course
 
 import pmopt as package
-from pmopt.analysis.capability import Demands, Task, compute_capability
-from pmopt.analysis.dynamics import Mover
+from pmopt.analysis.motion.dynamics import Mover
 from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.sizing.actuators import Demands, Task, compute_capability
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.bodies import point_mass

@@ -8,9 +8,9 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.kernels.cells import hull, label, lattice_points
 from pmopt.mechanisms import find, names
-from pmopt.numerics.cells import hull, label, lattice_points
 
 
 @pytest.mark.parametrize("diagonal", [False, True])

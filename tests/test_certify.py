@@ -11,16 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmopt import api
-from pmopt.analysis import certify, curves, workspace
-from pmopt.analysis.enclosures import enclose
+from pmopt.analysis.certification import boxes as certify
+from pmopt.analysis.certification import curve_enclosure
+from pmopt.analysis.certification.enclosures import enclose
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace import compute as workspace
+from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.compiler.tracing import Graph, Untraceable, trace
 from pmopt.errors import InputError
-from pmopt.mechanisms import cur, find, uu_upu
-from pmopt.numerics import affine
-from pmopt.numerics.expressions import Graph, Untraceable, trace
+from pmopt.kernels import affine_forms
+from pmopt.mechanisms import find
+from pmopt.mechanisms.catalogue import cur, uu_upu
 
-CODE = affine.load()
+CODE = affine_forms.load()
 getcontext().prec = 60
 
 
@@ -31,7 +34,7 @@ def evaluated(graph, result, forms):
     """Return the form of an expression of inputs, forms (d + 2,) each."""
     tape = graph.tape([result])
     inputs = np.ascontiguousarray(np.array(forms, dtype=float)[:, :, None])
-    work = np.empty((len(tape.steps), inputs.shape[1] + 1, affine.LANES))
+    work = np.empty((len(tape.steps), inputs.shape[1] + 1, affine_forms.LANES))
     found = np.empty((1, inputs.shape[1], 1))
     CODE.evaluate(*tape, inputs, np.zeros((1, 2)), work, found)
     return found[0, :, 0]
@@ -312,7 +315,7 @@ def test_columns_are_told_right(params, given):
     # Boxes to begin with are on the piece; random ones are anything.
     firsts, widths = (np.concatenate(part) for part in zip(*parts, strict=True))
     kinds = enclosure._kind(firsts, widths)
-    assert (kinds == curves._KEPT).all()
+    assert (kinds == curve_enclosure._KEPT).all()
     chosen = rng.choice(len(firsts), 1500)
     steps = rng.integers(0, 4, (len(chosen), 3))
     halves = widths[chosen] / 2.0**steps

@@ -30,8 +30,8 @@ from cli_runner import (
 )
 
 import pmopt as package
-from pmopt import threads
 from pmopt.cli.main import COMMANDS
+from pmopt.execution import threads
 
 MECH = "2pauu-ppap"
 POSE = "x=0.1,y=0.2,z=1.2"

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from cli_runner import COMMAND, TIMEOUT, environment, error_line, here, strict_json, wait_for
 
-from pmopt.analysis import blocks
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sums import Sums
-from pmopt.analysis.sweeper import Sweeper, block_ranges
-from pmopt.analysis.workspace import compute_workspace
-from pmopt.cluster import Cluster, _Task
+from pmopt.analysis.workspace import blocks
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.partial_sums import Sums
+from pmopt.analysis.workspace.sweeper import Sweeper, block_ranges
 from pmopt.errors import InputError, PmoptError
+from pmopt.execution.cluster import Cluster, _Task
 from pmopt.mechanisms import find
-from pmopt.reporting.pareto_run import run_pareto
-from pmopt.reporting.runners import WorkspaceRunner
-from pmopt.reporting.workspace_run import run_workspace
+from pmopt.reporting.batch.runners import WorkspaceRunner
+from pmopt.reporting.runs.pareto_run import run_pareto
+from pmopt.reporting.runs.workspace_run import run_workspace
 from pmopt.synthesis import problem as problem_module
 from pmopt.synthesis.config import resolve_config
 from pmopt.synthesis.problem import DesignProblem, evaluate_part
@@ -265,7 +265,7 @@ def test_what_fails_there_is_told_here(client, function, message):
 
 
 def test_another_version_is_refused(client, monkeypatch):
-    monkeypatch.setattr("pmopt.cluster.__version__", "0.0.0")
+    monkeypatch.setattr("pmopt.execution.cluster.__version__", "0.0.0")
     with pytest.raises(PmoptError, match=r"^a worker has pmopt .*, this is 0\.0\.0$"):
         list(client.ordered_map(square, [3]))
     assert _Task(square, "0.0.0")(3) == 9
@@ -307,7 +307,7 @@ def test_a_scheduler_that_goes_is_told():
     ("tcp://127.0.0.1:9", "--scheduler: no Dask scheduler answers at tcp://127.0.0.1:9", 1),
 ])  # fmt: skip
 def test_addresses(tmp_path, monkeypatch, command, address, message, code):
-    monkeypatch.setattr("pmopt.cluster._PATIENCE", 0.5)
+    monkeypatch.setattr("pmopt.execution.cluster._PATIENCE", 0.5)
     (tmp_path / "a.toml").write_text(f'mechanism = "{MECH}"\n')
     what = MECH if command == "workspace" else "a.toml"
     result = here(command, what, "--out", "out", "--scheduler", address, cwd=tmp_path)
@@ -333,7 +333,7 @@ def test_without_dask(tmp_path, monkeypatch):
 def test_scheduler_without_workers(tmp_path, monkeypatch):
     from distributed import LocalCluster
 
-    monkeypatch.setattr("pmopt.cluster._PATIENCE", 0.5)
+    monkeypatch.setattr("pmopt.execution.cluster._PATIENCE", 0.5)
     with LocalCluster(n_workers=0, dashboard_address=":0") as own:
         address = own.scheduler_address
         line = error_line(here("workspace", MECH, "--scheduler", address, cwd=tmp_path), 1)

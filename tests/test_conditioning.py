@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmopt.numerics.condition import (
+from pmopt.kernels.conditioning import (
     careful_condition_2,
     careful_condition_fro,
     inverse_condition_2,

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from strategies import junk, places, put, texts
 
 from pmopt.analysis.settings import MAX_SAMPLES
-from pmopt.checkpoint import differences
 from pmopt.cli.options import design_parameters, parse_edges, parse_ranges, split_pairs
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
+from pmopt.storage.checkpoint import differences
 from pmopt.synthesis.checkpoint import plain
 from pmopt.synthesis.config import load_config, resolve_config
 

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmopt.analysis.continuity import continuous, in_limits
-from pmopt.analysis.motion import compute_motion
-from pmopt.analysis.motion_config import resolve_motion
-from pmopt.analysis.motion_summary import columns
-from pmopt.analysis.trajectories import plan_trajectory
+from pmopt.analysis.motion.compute import compute_motion
+from pmopt.analysis.motion.config import resolve_motion
+from pmopt.analysis.motion.continuity import continuous, in_limits
+from pmopt.analysis.motion.summary import columns
+from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.mechanisms import find
-from pmopt.reporting.motion_run import run_motion
+from pmopt.reporting.runs.motion_run import run_motion
 
 TURNING = {
     "mechanism": "2pauu-ppap",
@@ -163,7 +163,7 @@ def test_full_turns_of_a_platform(step):
 
 def test_an_engine_takes_the_same_turn():
     pytest.importorskip("mujoco")
-    from pmopt.reporting.simulate_run import run_simulation
+    from pmopt.reporting.runs.simulate_run import run_simulation
 
     config = {k: v for k, v in TURNING.items() if k != "efforts"}
     expressions = dict.fromkeys(("theta1", "theta2"), "3.0+0.5*t")

@@ -8,15 +8,15 @@ import naive
 import numpy as np
 import pytest
 
-from pmopt.analysis.estimates import from_replicates, of_population
-from pmopt.analysis.kinematics import inverse_kinematics, jacobian_at, of_limb
+from pmopt.analysis.kinematics.solve import inverse_kinematics, jacobian_at, of_limb
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import BINS, Sweeper
+from pmopt.analysis.workspace.estimates import from_replicates, of_population
+from pmopt.analysis.workspace.sweeper import BINS, Sweeper
 from pmopt.errors import InputError, PmoptError
+from pmopt.kernels import sweep
 from pmopt.mechanisms import find, names
-from pmopt.mechanisms.base import within
+from pmopt.mechanisms.mechanism import within
 from pmopt.mechanisms.registry import collect
-from pmopt.numerics import sweep
 from pmopt.numerics.sequences import make_grid
 
 # Of the eight modes of 3-CUR the default limits (links upwards) leave the first.

@@ -15,11 +15,11 @@ from scipy.optimize import fsolve, least_squares
 from test_contract import random_poses, ready
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import within
+from pmopt.mechanisms.mechanism import within
 
 CUR = find("3-cur")
 DEFAULT = CUR.resolve({})

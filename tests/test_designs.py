@@ -9,7 +9,7 @@ from cli_runner import answer, here
 from pmopt import api
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
-from pmopt.reporting.designs import read_design
+from pmopt.reporting.runs.designs import read_design
 
 CONFIG = """
 mechanism = "2pauu-ppap"

@@ -11,8 +11,8 @@ from cli_runner import COMMAND, SEARCH, environment, error_line, files_in, here,
 from killing import outputs
 
 import pmopt as package
-from pmopt import files
-from pmopt.reporting import pictures, workspace_checkpoint
+from pmopt.reporting.runs import run_pictures, workspace_checkpoint
+from pmopt.storage import files
 
 MECH = "2pauu-ppap"
 COMMANDS = {
@@ -32,7 +32,7 @@ def compiled():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workspace_checkpoint, "EVERY", 0.0)
         for name in ("of_workspace", "of_pareto"):
-            patch.setattr(pictures, name, lambda *_: {"picture.png": b"drawn"})
+            patch.setattr(run_pictures, name, lambda *_: {"picture.png": b"drawn"})
         yield
 
 

@@ -17,12 +17,12 @@ from making import commands, configuration, pictures, registry  # noqa: E402
 from making.figures import ANYTHING, Figure, rounded, sampled  # noqa: E402
 from making.pages import Block, Page, Says, documents, table  # noqa: E402
 
-from pmopt.analysis.motion_config import EngineSettings, FitSettings  # noqa: E402
+from pmopt.analysis.motion.config import EngineSettings, FitSettings  # noqa: E402
 from pmopt.analysis.validation import validated  # noqa: E402
 from pmopt.errors import InputError  # noqa: E402
 from pmopt.inputs.identify import kind_of_config  # noqa: E402
 from pmopt.mechanisms import find  # noqa: E402
-from pmopt.reporting.batch_plan import SWEEP, BatchKeys  # noqa: E402
+from pmopt.reporting.batch.plan import SWEEP, BatchKeys  # noqa: E402
 
 # --- figures ------------------------------------------------------------------------------
 

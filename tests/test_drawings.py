@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from pmopt.analysis.regions.sections import round_level
+from pmopt.analysis.regions.surface import surface_nets
 from pmopt.errors import InputError
 from pmopt.mechanisms import find, names
-from pmopt.reporting import drawing, plots
-from pmopt.reporting.fields import round_level
-from pmopt.reporting.surface import surface_nets
+from pmopt.reporting.pictures import drawing, workspace_plots
 
 AXES = [np.linspace(0.0, 1.0, n) for n in (24, 20, 22)]
 
@@ -66,14 +66,14 @@ def test_planes_have_round_levels(value, width, rounded):
 def test_lengths_are_to_one_scale():
     true = np.array([[750.0, 1500.0], [750.0, 1.5]])
     units = ["mm", "mm", "mm", "rad"]
-    drawn = plots._sides(true, units)
+    drawn = workspace_plots._sides(true, units)
     assert drawn.tolist() == [[0.5, 1.0], [0.5, 1.0]]
-    assert plots._unscaled(true, drawn, units) == ["mm and rad not to one scale"]
-    assert plots._unscaled(true[:1], drawn[:1], units[:2]) == []
+    assert workspace_plots._unscaled(true, drawn, units) == ["mm and rad not to one scale"]
+    assert workspace_plots._unscaled(true[:1], drawn[:1], units[:2]) == []
     thin = np.array([[1500.0, 10.0]])
-    assert plots._unscaled(thin, plots._sides(thin, ["mm", "mm"]), ["mm", "mm"]) == [
-        plots._NO_SCALE
-    ]
+    assert workspace_plots._unscaled(
+        thin, workspace_plots._sides(thin, ["mm", "mm"]), ["mm", "mm"]
+    ) == [workspace_plots._NO_SCALE]
 
 
 def drawn(monkeypatch, mechanism, params, pose):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from cli_runner import CONFIGS, here
 
-from pmopt.analysis.motion_config import resolve_motion
-from pmopt.reporting.simulate_run import run_simulation, series_table, summary_table
+from pmopt.analysis.motion.config import resolve_motion
+from pmopt.reporting.runs.simulate_run import run_simulation, series_table, summary_table
 
 pytest.importorskip("mujoco")
 

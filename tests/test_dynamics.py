@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pmopt.analysis.dynamics import Mover, angular_motion
+from pmopt.analysis.motion.dynamics import Mover, angular_motion
 from pmopt.mechanisms import find, names
-from pmopt.mechanisms.base import PLATFORM
 from pmopt.mechanisms.bodies import plate
+from pmopt.mechanisms.mechanism import PLATFORM
 
 MOVED = [name for name in names() if find(name).posture is not None]
 #: Around home, in lengths of the characteristic length and rad.

@@ -4,8 +4,8 @@ import pytest
 from cli_runner import error_line, here, json_answer, strict_json
 
 from pmopt import api
-from pmopt.analysis.emptiness import explain
 from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.workspace.emptiness import explain
 from pmopt.errors import InfeasibleError
 from pmopt.mechanisms import find
 

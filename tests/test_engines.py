@@ -12,17 +12,17 @@ import pytest
 from cli_runner import CONFIGS, csv_rows, error_line, here, pmopt, strict_json
 
 from pmopt import ik, mjcf
-from pmopt.analysis.dynamics import Mover
-from pmopt.analysis.engine import Engine
-from pmopt.analysis.mjcf import to_mjcf
-from pmopt.analysis.motion import compute_motion
-from pmopt.analysis.motion_config import resolve_motion
-from pmopt.analysis.multibody import BASE, build_tree, link_frames
-from pmopt.analysis.simulation import holds, simulate_motion, tree_of
-from pmopt.analysis.trajectories import plan_trajectory
+from pmopt.analysis.motion.compute import compute_motion
+from pmopt.analysis.motion.config import resolve_motion
+from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.motion.trajectories import plan_trajectory
+from pmopt.analysis.multibody.mjcf import to_mjcf
+from pmopt.analysis.multibody.model import BASE, build_tree, link_frames
+from pmopt.analysis.multibody.mujoco_engine import Engine
+from pmopt.analysis.multibody.simulation import holds, simulate_motion, tree_of
 from pmopt.errors import InputError
 from pmopt.mechanisms import find, names
-from pmopt.mechanisms.base import PLATFORM
+from pmopt.mechanisms.mechanism import PLATFORM
 
 #: Two designs each, regular about their homes.
 DESIGNS = {

@@ -20,15 +20,15 @@ from cli_runner import (
     json_answer,
 )
 
-from pmopt.analysis.motion_config import load_motion
-from pmopt.analysis.trajectories import plan_trajectory
+from pmopt.analysis.motion.config import load_motion
+from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.inputs import examples as module
 from pmopt.inputs.examples import advice, advice_for_pattern, examples, find_example
 from pmopt.inputs.identify import kind_of_config
 from pmopt.mechanisms import find, names
-from pmopt.reporting.batch_plan import plan_runs
-from pmopt.reporting.motion_run import run_motion
-from pmopt.reporting.starting_config import KINDS
+from pmopt.reporting.batch.plan import plan_runs
+from pmopt.reporting.runs.motion_run import run_motion
+from pmopt.reporting.runs.starting_config import KINDS
 from pmopt.synthesis.config import load_config
 
 ROOT = CONFIGS.parent

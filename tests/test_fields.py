@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pmopt.analysis.motion_config import resolve_motion
+from pmopt.analysis.motion.config import resolve_motion
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.validation import validated
 from pmopt.errors import InputError

@@ -24,12 +24,12 @@ from cli_runner import (
     pmopt,
 )
 
-from pmopt import files, folder_lock, swap
-from pmopt.checkpoint import CheckpointFolder
 from pmopt.errors import InputError, PmoptError
-from pmopt.folder_lock import FolderLock
-from pmopt.reporting import pictures, workspace_checkpoint
-from pmopt.reporting.run_folder import RunFolder, read_manifest
+from pmopt.reporting.runs import run_pictures, workspace_checkpoint
+from pmopt.reporting.runs.run_folder import RunFolder, read_manifest
+from pmopt.storage import files, folder_lock, swap
+from pmopt.storage.checkpoint import CheckpointFolder
+from pmopt.storage.folder_lock import FolderLock
 
 MECH = "2pauu-ppap"
 #: One of each command that writes a run's folder; a second one of them differs in its numbers.
@@ -59,7 +59,7 @@ def nothing_drawn(monkeypatch):
     """Keep every block and draw next to nothing."""
     monkeypatch.setattr(workspace_checkpoint, "EVERY", 0.0)
     for name in ("of_workspace", "of_pareto", "of_singularities"):
-        monkeypatch.setattr(pictures, name, lambda *_: {"picture.png": b"drawn"})
+        monkeypatch.setattr(run_pictures, name, lambda *_: {"picture.png": b"drawn"})
 
 
 def contents(folder):
@@ -124,7 +124,7 @@ def deadly(call):
             os.kill(os.getpid(), signal.SIGKILL)
         return call(*args, **options)
     return called
-from pmopt import swap
+from pmopt.storage import swap
 whole = swap.swap
 def counted(*args):
     for name in ("rename", "replace", "unlink", "mkdir", "rmdir"):
@@ -132,7 +132,7 @@ def counted(*args):
     whole(*args)
     os.write(1, b"survived\\n")
     os._exit(0)
-import pmopt.reporting.run_folder as run_folder
+import pmopt.reporting.runs.run_folder as run_folder
 run_folder.swap = counted
 make(Path({folder!r}), "new", ["b.csv", "c.csv"])
 """
@@ -259,7 +259,7 @@ def test_a_batch_is_replaced_as_one_whole(home, monkeypatch):
     assert here(*words, cwd=home).returncode == 0
     before = contents(home / "out")
     (home / "batch.toml").write_text(BATCH.replace("[1, 2]", "[3, 4]"))
-    from pmopt.reporting.batch_run import Batch
+    from pmopt.reporting.batch.run import Batch
 
     keep = Batch._keep
 
@@ -290,7 +290,7 @@ def test_a_batch_is_replaced_as_one_whole(home, monkeypatch):
 def hold(folder):
     """Start a process that holds the lock until its stdin ends."""
     script = (
-        "import sys; from pathlib import Path; from pmopt.folder_lock import FolderLock\n"
+        "import sys; from pathlib import Path; from pmopt.storage.folder_lock import FolderLock\n"
         f"with FolderLock(Path({str(folder)!r})): print('held', flush=True); sys.stdin.read()"
     )
     process = subprocess.Popen(

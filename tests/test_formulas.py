@@ -8,9 +8,15 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from pmopt.analysis.formulas import MAX_DEPTH, MAX_EXPONENT, MAX_LENGTH, check_constants, parse
+from pmopt.analysis.motion.formulas import (
+    MAX_DEPTH,
+    MAX_EXPONENT,
+    MAX_LENGTH,
+    check_constants,
+    parse,
+)
 from pmopt.errors import InputError
-from pmopt.numerics.jets import FUNCTIONS
+from pmopt.numerics.derivatives import FUNCTIONS
 
 WHERE = "c.toml: trajectory.x"
 CONSTANTS = {"a": 0.7, "phase1": -1.3}

@@ -12,18 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmopt import api
-from pmopt.analysis.kinematics import (
+from pmopt.analysis.kinematics.solve import (
     forward_kinematics,
     forward_many,
     homogenize,
     inverse_condition,
 )
 from pmopt.errors import InputError, UnreachableError
+from pmopt.kernels import octics
+from pmopt.kernels.assembly import assemble_rows
 from pmopt.mechanisms import find, names
-from pmopt.mechanisms import ups_rps_forward as paths
-from pmopt.mechanisms.ups_rps import MECHANISM as RPS
-from pmopt.numerics import octics
-from pmopt.numerics.assembly import assemble_rows
+from pmopt.mechanisms.catalogue import ups_rps_forward
+from pmopt.mechanisms.catalogue.ups_rps import MECHANISM as RPS
 from pmopt.numerics.rotation import rotation_matrices
 
 
@@ -293,15 +293,15 @@ def test_roots_of_degree_8(roots, seed):
 
 def test_start_solutions_of_4_ups_rps():
     """All 18 solve the equations at the general dimensions; Newton's method finds no other."""
-    w = np.zeros(paths.rps_WORK)
-    w[paths.rps_NOW : paths.rps_NOW + 14] = paths.DIMENSIONS
-    paths.rps_coefficients(w, paths.rps_COEFFICIENTS)
-    at = paths.rps_HERE
-    starts = np.reshape(paths.STARTS, (paths.rps_PATHS, 12))
+    w = np.zeros(ups_rps_forward.rps_WORK)
+    w[ups_rps_forward.rps_NOW : ups_rps_forward.rps_NOW + 14] = ups_rps_forward.DIMENSIONS
+    ups_rps_forward.rps_coefficients(w, ups_rps_forward.rps_COEFFICIENTS)
+    at = ups_rps_forward.rps_HERE
+    starts = np.reshape(ups_rps_forward.STARTS, (ups_rps_forward.rps_PATHS, 12))
     known = []
     for start in starts:
         w[at : at + 12] = start
-        first, last = paths.rps_corrected(w, at, 6, 1e-14)
+        first, last = ups_rps_forward.rps_corrected(w, at, 6, 1e-14)
         assert first < 1e-5
         assert last < 1e-13
         known.append(w[at : at + 12].copy())
@@ -311,7 +311,7 @@ def test_start_solutions_of_4_ups_rps():
     for _ in range(400):
         w[at : at + 12] = rng.normal(size=12) * np.repeat([1.0, 1.0, 1.0, 1.0, 1.0, 4.0], 2)
         for _ in range(40):
-            moved, size = paths.rps_solve(w, at, False, at + 60)
+            moved, size = ups_rps_forward.rps_solve(w, at, False, at + 60)
             share = min(1.0, 0.5 / math.sqrt(moved / size))
             w[at : at + 12] += share * w[at + 60 : at + 72]
         if not moved < 1e-24 * size:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from killing import outputs
 
 import pmopt as package
-from pmopt.reporting import workspace_checkpoint
+from pmopt.reporting.runs import workspace_checkpoint
 
 #: Too many fast ones to shrink for long; slow drawing is no fault.
 FEW = settings(max_examples=120, suppress_health_check=list(HealthCheck))

@@ -101,7 +101,7 @@ def test_the_default_is_the_problem_s(tmp_path):
 @pytest.mark.slow
 def test_a_reference_that_leaves_designs_out_says_so(tmp_path):
     lines = []
-    from pmopt.reporting.pareto_run import run_pareto
+    from pmopt.reporting.runs.pareto_run import run_pareto
 
     config = resolve_config(changed(algorithm={"reference": {"footprint": 5.0, "gci": 0.3}}), "c")
     run = run_pareto(config, notify=lines.append)

@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import pmopt
-from pmopt.numerics import compiled
+from pmopt.compiler import machine_code
 
 SOURCE = Path(pmopt.__file__).parent
 TEXT = """
@@ -39,11 +39,11 @@ def shift(values):
     for i in range(values.shape[0]):
         values[i] += factor()
 """
-ENTRIES = [compiled.Entry(name, ("float64[:]",)) for name in ("scale", "shift")]
+ENTRIES = [machine_code.Entry(name, ("float64[:]",)) for name in ("scale", "shift")]
 
 
 def kernels(factor=3.0):
-    return compiled.Compiled(TEXT.format(factor=factor), ENTRIES)
+    return machine_code.Compiled(TEXT.format(factor=factor), ENTRIES)
 
 
 def called(module, name="scale"):
@@ -69,9 +69,9 @@ def cache(kept, tmp_path, monkeypatch):
     shutil.copytree(kept, tmp_path / "cache")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path / "cache"))
     made = []
-    compile_one = compiled.Compiled._compile
+    compile_one = machine_code.Compiled._compile
     monkeypatch.setattr(
-        compiled.Compiled, "_compile",
+        machine_code.Compiled, "_compile",
         lambda self, entry: made.append(entry.name) or compile_one(self, entry),
     )  # fmt: skip
     return types.SimpleNamespace(folder=tmp_path / "cache", made=made)
@@ -106,15 +106,16 @@ def test_machine_code_of_another_machine_is_not_taken(cache, monkeypatch, part):
     before = kernels().folder
     with monkeypatch.context() as patch:
         PARTS[part](patch)
-        compiled._machine.cache_clear()
+        machine_code._machine.cache_clear()
         after = kernels().folder
-    compiled._machine.cache_clear()
+    machine_code._machine.cache_clear()
     assert after != before
     assert kernels().folder == before
 
 
 @pytest.mark.skipif(
-    not all(llvm.get_host_cpu_features().get(n) for n in compiled._NEEDED), reason="an older one"
+    not all(llvm.get_host_cpu_features().get(n) for n in machine_code._NEEDED),
+    reason="an older one",
 )
 def test_code_for_another_kind_of_processor_is_another_folder(cache, monkeypatch):
     """It is made in a process of its own where numba has settled here, and is the same for all."""
@@ -122,7 +123,7 @@ def test_code_for_another_kind_of_processor_is_another_folder(cache, monkeypatch
     monkeypatch.setenv("PMOPT_TARGET", "haswell")
     fixed = kernels()
     assert fixed.folder != host.folder
-    monkeypatch.setattr(compiled, "_numba_target", [])  # another has imported numba
+    monkeypatch.setattr(machine_code, "_numba_target", [])  # another has imported numba
     monkeypatch.setitem(sys.modules, "numba", types.ModuleType("numba"))
     assert called(fixed) == [3.0, 6.0]
     assert cache.made == ["scale"]
@@ -132,10 +133,10 @@ def test_code_for_another_kind_of_processor_is_another_folder(cache, monkeypatch
 
 FOLDERS = """
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find, names
-from pmopt.numerics import cells
-from pmopt.numerics.assembly import load
+from pmopt.kernels import cells
+from pmopt.kernels.assembly import load
 for name in names():
     mechanism = find(name)
     print(name, "assembly", load(mechanism.assembler).folder.name)
@@ -146,22 +147,24 @@ for name in names():
         print(name, sampler, *sorted(k.folder.name for k in sweeper.kernels))
 print("cells", "all", cells.kernels().folder.name)
 """
+CATALOGUE = "mechanisms/catalogue"
 #: Kernel files, what of them is edited, and whose folders have to change.
 EDITS = {
-    "numerics/sweep.py": ("TWO_POW_M52 = 1.0", "TWO_POW_M52 = 2.0"),
-    "numerics/condition.py": ("0.5 *", "0.25 *"),
-    "numerics/clearance.py": ("0.0", "0.125"),
-    "numerics/trigonometry.py": ("0.5", "0.25"),
-    "numerics/strokes.py": ("<", ">"),
-    "numerics/compiled.py": ("opt=3", "opt=2"),
-    "numerics/cells.py": ("range(", "range(0 + "),
-    "numerics/octics.py": ("60", "61"),
-    "numerics/assembly.py": ("0.0", "0.125"),
-    **{f"mechanisms/{p.name}": ("1.0", "1.5") for p in (SOURCE / "mechanisms").glob("*_*.py")
+    "kernels/sweep.py": ("TWO_POW_M52 = 1.0", "TWO_POW_M52 = 2.0"),
+    "kernels/conditioning.py": ("0.5 *", "0.25 *"),
+    "kernels/segment_distance.py": ("0.0", "0.125"),
+    "kernels/trigonometry.py": ("0.5", "0.25"),
+    "kernels/strokes.py": ("<", ">"),
+    "compiler/machine_code.py": ("opt=3", "opt=2"),
+    "compiler/whole_program.py": ("return 0", "return 1"),
+    "kernels/cells.py": ("range(", "range(0 + "),
+    "kernels/octics.py": ("60", "61"),
+    "kernels/assembly.py": ("0.0", "0.125"),
+    **{f"{CATALOGUE}/{p.name}": ("1.0", "1.5") for p in (SOURCE / CATALOGUE).glob("*_*.py")
        if "MECHANISM =" in p.read_text(encoding="utf-8")},
-    **{f"mechanisms/{p.name}": ("0.5", "0.75")
-       for p in (SOURCE / "mechanisms").glob("*_forward.py")},
-    "mechanisms/cur.py": ("1.0", "1.5"),
+    **{f"{CATALOGUE}/{p.name}": ("0.5", "0.75")
+       for p in (SOURCE / CATALOGUE).glob("*_forward.py")},
+    f"{CATALOGUE}/cur.py": ("1.0", "1.5"),
 }  # fmt: skip
 
 
@@ -184,7 +187,7 @@ def unedited():
 def test_an_edit_in_any_kernel_file_is_another_folder(unedited, tmp_path, name):
     """In a copy of the package, in a process of its own."""
     shutil.copytree(SOURCE, tmp_path / "pmopt", ignore=shutil.ignore_patterns("__pycache__"))
-    if name == "numerics/sweep.py":
+    if name == "kernels/sweep.py":
         assert folders_of(tmp_path) == unedited  # a place is no edit
     path, (old, new) = tmp_path / "pmopt" / name, EDITS[name]
     text = path.read_text(encoding="utf-8")
@@ -193,7 +196,7 @@ def test_an_edit_in_any_kernel_file_is_another_folder(unedited, tmp_path, name):
     path.write_text(text[:body] + text[body:].replace(old, new), encoding="utf-8")
     changed = {key for key, line in folders_of(tmp_path).items() if line != unedited[key]}
     assert changed
-    if name in ("numerics/sweep.py", "numerics/compiled.py"):
+    if name in ("kernels/sweep.py", "compiler/machine_code.py", "compiler/whole_program.py"):
         # Cells and forward kinematics have nothing of the sweep.
         assert changed >= {key for key in unedited if key[1] not in ("all", "assembly")}
 
@@ -211,7 +214,7 @@ def test_a_damaged_file_is_compiled_anew(kept, data):
         path.write_bytes(damaged)
         made = []
         patch.setattr(
-            compiled, "_object_code", lambda entry, _: made.append(entry.name) or whole[32:]
+            machine_code, "_object_code", lambda entry, _: made.append(entry.name) or whole[32:]
         )
         assert called(kernels()) == [3.0, 6.0]
         assert made == ([] if damaged == whole else ["scale"])
@@ -236,7 +239,7 @@ def refuse(*_, **__):
 
 @pytest.mark.parametrize("call", ["mkdir", "mkstemp", "replace"])
 def test_a_full_cache_costs_time_only(cache, monkeypatch, call):
-    owner = {"mkdir": Path, "mkstemp": compiled.tempfile, "replace": compiled.os}[call]
+    owner = {"mkdir": Path, "mkstemp": machine_code.tempfile, "replace": machine_code.os}[call]
     with monkeypatch.context() as patch:
         patch.setattr(owner, call, refuse)
         assert called(kernels(7.0)) == [7.0, 14.0]
@@ -249,7 +252,7 @@ def test_a_full_cache_costs_time_only(cache, monkeypatch, call):
 #: Compiles one small entry.
 SCRIPT = """
 import numpy as np
-from pmopt.numerics import cells
+from pmopt.kernels import cells
 print(cells.hull(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 3.0], [0.5, 0.5]])).tolist())
 """
 
@@ -303,7 +306,7 @@ def own(tmp_path, monkeypatch):
     """Return the folder for temporary files that is this user's own."""
     folder = tmp_path / "temporary"
     folder.mkdir()
-    monkeypatch.setattr(compiled.tempfile, "gettempdir", lambda: str(folder))
+    monkeypatch.setattr(machine_code.tempfile, "gettempdir", lambda: str(folder))
     return folder / f"pmopt-{os.geteuid()}"
 
 
@@ -395,15 +398,15 @@ def test_a_folder_that_is_not_this_users_own_is_not_used(cache, own, tmp_path, m
 @pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o644)])
 def test_files_of_the_cache_are_nobody_elses_to_write(tmp_path, monkeypatch, umask, mode):
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compiled, "_object_code", lambda entry, _: b"code")
-    monkeypatch.setattr(compiled, "_load", lambda code: 1)
+    monkeypatch.setattr(machine_code, "_object_code", lambda entry, _: b"code")
+    monkeypatch.setattr(machine_code, "_load", lambda code: 1)
     before = os.umask(umask)
-    compiled._umask.cache_clear()
+    machine_code._umask.cache_clear()
     try:
         kernels().scale  # noqa: B018
     finally:
         os.umask(before)
-        compiled._umask.cache_clear()
+        machine_code._umask.cache_clear()
     found = [p for p in (tmp_path / "cache").rglob("*") if p.is_file()]
     assert sorted(p.name for p in found) == ["kernels.py", "scale.o"]
     assert {p.stat().st_mode & 0o777 for p in found} == {mode}

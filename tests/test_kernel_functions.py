@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from pmopt.numerics import condition, specialise, sweep
-from pmopt.numerics.clearance import segment_distance2
-from pmopt.numerics.trigonometry import roll_pitch_yaw, sin_cos
+from pmopt.compiler import program_text
+from pmopt.kernels import conditioning, sweep
+from pmopt.kernels.segment_distance import segment_distance2
+from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
 
 angles = st.floats(-20, 20)
 points = st.lists(st.floats(-2, 2), min_size=12, max_size=12)
@@ -97,8 +98,8 @@ def still5(a, b, c, d, f, constants):
 @pytest.mark.parametrize(("order", "kernel", "still"), [(4, kernel4, still4), (5, kernel5, still5)])
 def test_conditioning_of_larger_matrices(order, kernel, still, norm):
     """Blocks of Jacobi rotations against LAPACK, singular and zero matrices among them."""
-    recipe = specialise.Recipe(kernel, still, order, 1, order, norm, (), (), 0)
-    module = specialise.specialise(recipe)
+    recipe = program_text.Recipe(kernel, still, order, 1, order, norm, (), (), 0)
+    module = program_text.specialise(recipe)
     poses = np.random.default_rng(5).uniform(-1, 1, (order, 3 * 512 + 17))
     poses[:, 3] = 0.0
     poses[0, 4:8] = 1e-9
@@ -176,8 +177,8 @@ def exact_indices(matrices, norm):
 )
 def test_index_is_exact_near_singularity(order, kernel, still, norm):
     """The error of the index is below 1e-12 for every matrix."""
-    recipe = specialise.Recipe(kernel, still, order**2, 1, order, norm, (), (), 0)
-    module = specialise.specialise(recipe)
+    recipe = program_text.Recipe(kernel, still, order**2, 1, order, norm, (), (), 0)
+    module = program_text.specialise(recipe)
     matrices = awkward_matrices(order, 60_000)
     poses = np.ascontiguousarray(matrices.reshape(len(matrices), -1).T)
     margin, lci = np.empty(len(matrices)), np.empty(len(matrices))
@@ -188,9 +189,9 @@ def test_index_is_exact_near_singularity(order, kernel, still, norm):
 @pytest.mark.parametrize("norm", ["2", "fro"])
 def test_conditioning_of_six(monkeypatch, norm):
     """No mechanism here has six coordinates: the text itself, run as plain Python."""
-    monkeypatch.setattr(condition, "ORDER", 6)
+    monkeypatch.setattr(conditioning, "ORDER", 6)
     matrices = awkward_matrices(6, 240)
     work = np.ascontiguousarray(matrices.reshape(len(matrices), -1).T)
     lci = np.empty(len(matrices))
-    getattr(condition, f"inverse_conditions_{norm}")(work, len(matrices), lci)
+    getattr(conditioning, f"inverse_conditions_{norm}")(work, len(matrices), lci)
     assert np.abs(lci - exact_indices(matrices, norm)).max() < 1e-12

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from test_contract import random_poses, reachable, ready
 
-from pmopt.analysis.projection import measure_projection
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.projection import measure_projection
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError
+from pmopt.kernels.segment_distance import segment_distance2
 from pmopt.mechanisms import find
-from pmopt.numerics.clearance import segment_distance2
 
 
 def columns(poses):

@@ -6,13 +6,13 @@ import naive
 import numpy as np
 import pytest
 
-from pmopt.analysis.estimates import from_replicates
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import BINS, Sweeper
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.estimates import from_replicates
+from pmopt.analysis.workspace.sweeper import BINS, Sweeper
 from pmopt.errors import InputError
+from pmopt.kernels import sweep
 from pmopt.mechanisms import find, names
-from pmopt.numerics import sweep
 
 OFFERED = [name for name in names() if find(name).line is not None]
 

@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pmopt
-from pmopt.analysis import closed_form, loops, mobility, screws
-from pmopt.analysis.loops import Assembly
-from pmopt.analysis.mobility import Characteristic, analyse, mobility_of
+from pmopt.analysis.mobility import closed_form, finite_motion, screws
+from pmopt.analysis.mobility import freedom as mobility
+from pmopt.analysis.mobility.finite_motion import Assembly
+from pmopt.analysis.mobility.freedom import Characteristic, analyse, mobility_of
 from pmopt.errors import InputError
 from pmopt.mechanisms import find, names
-from pmopt.mechanisms.base import Chain, Joint
+from pmopt.mechanisms.mechanism import Chain, Joint
 
 X, Y, Z = np.eye(3)
 O = np.zeros(3)
@@ -385,7 +386,7 @@ def test_walk_stays_assembled():
     limbs, centre = three_rps()
     home = Assembly.of([screws.scaled(c, centre, 0.6) for c in limbs])
     there = home.walked(np.random.default_rng(3), 5, 0.15)
-    assert np.abs(there.misfit()).max() < loops.CLOSED
+    assert np.abs(there.misfit()).max() < finite_motion.CLOSED
     lengths = [np.linalg.norm(np.cross(j.point - k.point, k.axes[0]))
                for c in there.chains for j, k in itertools.pairwise(c.joints[:0:-1])]  # fmt: skip
     assert max(lengths) < 1e-11  # S still lies on the line of P

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import junk, places, put
 
-from pmopt.analysis.motion_config import load_motion, resolve_motion
-from pmopt.analysis.trajectories import plan_trajectory
+from pmopt.analysis.motion.config import load_motion, resolve_motion
+from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import PLATFORM
 from pmopt.mechanisms.bodies import STEEL
+from pmopt.mechanisms.mechanism import PLATFORM
 
 WHERE = "c.toml"
 STILL = {"x": 0, "y": 0, "z": 1.5, "duration": 1.0}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_dynamics import MOVED, course
 
-from pmopt.analysis.motion import Trajectory, compute_motion
+from pmopt.analysis.motion.compute import Trajectory, compute_motion
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.bodies import plate

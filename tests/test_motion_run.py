@@ -27,12 +27,12 @@ from cli_runner import (
 from PIL import Image
 
 import pmopt as package
-from pmopt.analysis.motion import Course, Motion
-from pmopt.analysis.motion_config import resolve_motion
-from pmopt.analysis.motion_summary import broken_limits, columns, demands, rms
-from pmopt.analysis.trajectories import plan_trajectory
+from pmopt.analysis.motion.compute import Course, Motion
+from pmopt.analysis.motion.config import resolve_motion
+from pmopt.analysis.motion.summary import broken_limits, columns, demands, rms
+from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.mechanisms import find
-from pmopt.reporting import animation
+from pmopt.reporting.pictures import animation
 
 MOTIONS = CONFIGS / "motion"
 FEASIBLE = (

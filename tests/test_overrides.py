@@ -7,10 +7,10 @@ from cli_runner import CONFIGS, here
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmopt.analysis.motion_config import load_motion
+from pmopt.analysis.motion.config import load_motion
 from pmopt.errors import InputError, InputErrors
 from pmopt.inputs.overrides import overridden, range_values, sweep_values, toml_value
-from pmopt.reporting.batch_plan import plan_runs
+from pmopt.reporting.batch.plan import plan_runs
 from pmopt.synthesis.config import load_config
 
 QUICK = CONFIGS / "quickstart.toml"

@@ -38,12 +38,12 @@ from hypothesis import strategies as st
 from killing import kill_and_resume
 
 import pmopt as package
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.errors import InfeasibleError, InputError
-from pmopt.installation import versions
 from pmopt.numerics.elementary import power_of
-from pmopt.reporting.pareto_run import finished as pareto_finished
-from pmopt.reporting.pareto_run import run_pareto
+from pmopt.reporting.runs.pareto_run import finished as pareto_finished
+from pmopt.reporting.runs.pareto_run import run_pareto
+from pmopt.storage.installation import versions
 from pmopt.synthesis import optimise
 from pmopt.synthesis.checkpoint import Checkpoint
 from pmopt.synthesis.config import AlgorithmSettings, resolve_config
@@ -602,7 +602,7 @@ def test_run_of_other_versions_goes_on(cut_off, finished):
 
 def test_run_of_another_processor_goes_on(cut_off, monkeypatch):
     """What is said once is not said of the same installation again."""
-    monkeypatch.setattr("pmopt.installation.processor", lambda: "Pentium")
+    monkeypatch.setattr("pmopt.storage.installation.processor", lambda: "Pentium")
     for expected in (1, 1):
         lines = []
         run_pareto(config_of(generations=GENERATIONS + 1), cut_off, resume=True, force=False,
@@ -651,7 +651,7 @@ EAGER = 1.0
 PROCESS = f"""
 import tomllib
 from pathlib import Path
-from pmopt.reporting.pareto_run import run_pareto
+from pmopt.reporting.runs.pareto_run import run_pareto
 from pmopt.synthesis import optimise
 from pmopt.synthesis.config import resolve_config
 optimise._TOLD_APART = {EAGER}

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from pmopt.analysis.kinematics import forward_kinematics, inverse_kinematics, jacobian_at
+from pmopt.analysis.kinematics.solve import forward_kinematics, inverse_kinematics, jacobian_at
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import within, wrap_angle
+from pmopt.mechanisms.mechanism import within, wrap_angle
 
 PAUU = find("2pauu-ppap")
 MODES = list(naive.SIDES)

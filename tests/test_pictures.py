@@ -10,21 +10,20 @@ import pytest
 from cli_runner import BATCH, CONFIGS, SEARCH, environment, error_line, files_in, here, pmopt
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.cli import encoding
 from pmopt.mechanisms import find
-from pmopt.reporting import (
-    canvas,
-    capability_run,
+from pmopt.reporting.pictures import (
     chart_text,
     front_plots,
     motion_plots,
-    plots,
-    run_folder,
     simulation_plots,
+    style,
+    workspace_plots,
 )
-from pmopt.reporting.front_plots import draw_front, draw_history, influential
-from pmopt.reporting.gallery import Gallery, lines_of, reason
+from pmopt.reporting.pictures.front_plots import draw_front, draw_history, influential
+from pmopt.reporting.pictures.gallery import Gallery, lines_of, reason
+from pmopt.reporting.runs import capability_run, run_folder
 
 MECH = "2pauu-ppap"
 T1 = (CONFIGS / "motion" / "2uu-upu-t1.toml").read_text().replace("duration = 24.0", "duration = 1")
@@ -55,7 +54,7 @@ def nothing_draws(monkeypatch):
     def fails():
         raise ModuleNotFoundError("No module named 'matplotlib'")
 
-    monkeypatch.setattr(canvas, "_import_matplotlib", fails)
+    monkeypatch.setattr(style, "_import_matplotlib", fails)
 
 
 # --- a picture that fails ---------------------------------------------------------------------
@@ -91,7 +90,7 @@ def test_numbers_are_written_before_anything_is_drawn(home, monkeypatch):
         write(self, name, data)
 
     monkeypatch.setattr(run_folder.RunFolder, "write", noted)
-    monkeypatch.setattr(canvas, "_import_matplotlib", lambda: order.append("drawing") or 1 / 0)
+    monkeypatch.setattr(style, "_import_matplotlib", lambda: order.append("drawing") or 1 / 0)
     for command, (words, _) in COMMANDS.items():
         order.clear()
         assert here(*words, "--out", f"{command}-run", "--quiet", cwd=home).returncode == 0
@@ -104,7 +103,7 @@ def test_others_are_drawn_beside_one_that_fails(home, monkeypatch):
     def fails(*_):
         raise MemoryError
 
-    monkeypatch.setattr(plots, "draw_sections", fails)
+    monkeypatch.setattr(workspace_plots, "draw_sections", fails)
     words, _ = COMMANDS["workspace"]
     result = here(*words, "--out", "run", cwd=home)
     assert result.returncode == 0
@@ -163,7 +162,7 @@ def test_lines_join_pictures_of_one_reason():
 PICTURE = """
 import hashlib, sys
 import numpy as np
-from pmopt.reporting.canvas import new_figure, to_picture
+from pmopt.reporting.pictures.style import new_figure, to_picture
 with new_figure(4, 3) as figure:
     axes = figure.subplots()
     axes.plot([1, 2, 3], [1e8, 3e8, 2e8], label="±")
@@ -228,9 +227,9 @@ def test_a_reader_keeps_settings_and_backend():
     import matplotlib
 
     with matplotlib.rc_context({"font.size": 33.0, "lines.linewidth": 7.0}):
-        with canvas.new_figure(2, 2) as figure:
+        with style.new_figure(2, 2) as figure:
             assert matplotlib.rcParams["font.size"] == 9
-            canvas.to_picture(figure)
+            style.to_picture(figure)
         assert matplotlib.rcParams["font.size"] == 33.0
 
 
@@ -284,7 +283,7 @@ XYZ = np.array([
 TOGETHER = {
     "curves": chart_text.LINES,
     "efforts": (simulation_plots.LINE, simulation_plots._ENGINE),
-    "front": (canvas.LINE, canvas.FAINT, canvas.INK),
+    "front": (style.LINE, style.FAINT, style.INK),
 }
 
 
@@ -369,7 +368,7 @@ def figures(monkeypatch):
         seen.append(figure)
         return b"drawn"
 
-    for module in (front_plots, motion_plots, simulation_plots, plots, capability_run):
+    for module in (front_plots, motion_plots, simulation_plots, workspace_plots, capability_run):
         monkeypatch.setattr(module, "to_picture", kept)
     return seen
 
@@ -410,7 +409,7 @@ def test_fronts_can_be_read(number, count, scale, figures):
     )  # fmt: skip
     labels = " ".join(labels_of(figures[0]))
     for name in objectives:
-        assert canvas.NAMES.get(name, name.replace("_", " ")) in labels
+        assert style.NAMES.get(name, name.replace("_", " ")) in labels
     panels = {1: 1, 2: 1, 3: 3, 4: 6}[number]
     shaded = count > 1 or number == 3
     assert len(figures[0].axes) == panels * (2 if shaded else 1)
@@ -479,7 +478,7 @@ def test_capabilities_can_be_read(home, figures):
 @pytest.mark.parametrize("width", [3.0, 6.4, 12.0])
 def test_headings_stay_within_their_figure(width, text):
     above = chart_text.heading(width, text, text.split(", "))
-    with canvas.new_figure(width, above.height + 1) as figure:
+    with style.new_figure(width, above.height + 1) as figure:
         above.write(figure)
         boxes = texts_of(figure)
         assert all(box.x1 <= figure.bbox.width for _, box in boxes)
@@ -493,7 +492,7 @@ def test_headings_stay_within_their_figure(width, text):
      ([-2e5, 1.0], "volume (10³ mm³)"), ([0.0, 0.0], "volume (mm³)")],
 )  # fmt: skip
 def test_large_and_small_numbers_go_with_a_power_of_ten(values, name):
-    with canvas.new_figure(4, 3) as figure:
+    with style.new_figure(4, 3) as figure:
         axes = figure.subplots()
         axes.plot(values)
         chart_text.name_axis(axes.yaxis, "volume", "mm^3", values)
@@ -511,7 +510,7 @@ def test_colours_of_an_index_are_used(name):
     edges = result.histogram_edges
     middles = (edges[1:] + edges[:-1]) / 2
     shown = np.repeat(middles, np.array(result.histogram, dtype=int))
-    scale = canvas.index_scale(shown)
+    scale = style.index_scale(shown)
     assert np.quantile(shown, 0.5) > 0.15 * scale.end
     assert np.quantile(shown, 0.9) > 0.5 * scale.end
     assert 0 <= scale.beyond <= 0.05
@@ -520,20 +519,20 @@ def test_colours_of_an_index_are_used(name):
 def test_the_bar_of_an_index_says_what_is_beyond(figures):
     result = compute_workspace(find(MECH), {}, WorkspaceSettings(samples=1000), shape_grid=0)
     shown = np.concatenate([np.linspace(0, 0.02, 990), np.full(10, 0.9)])
-    scale = canvas.index_scale(shown)
+    scale = style.index_scale(shown)
     assert scale.end == pytest.approx(0.02)
-    with canvas.new_figure(3, 3) as figure:
-        canvas.draw_index_bar(figure, figure.add_axes((0.1, 0.1, 0.1, 0.8)), scale, result)
+    with style.new_figure(3, 3) as figure:
+        style.draw_index_bar(figure, figure.add_axes((0.1, 0.1, 0.1, 0.8)), scale, result)
         assert labels_of(figure) == ["LCI (raw, 2-norm), 1 % larger"]
-    assert canvas.index_scale([np.nan]).end == 1.0
-    assert canvas.index_scale([0.0, 0.0]).end == 1.0
+    assert style.index_scale([np.nan]).end == 1.0
+    assert style.index_scale([0.0, 0.0]).end == 1.0
 
 
 @pytest.mark.parametrize("name", ["3-ups-sp", "4-ups-rps", MECH])
 def test_histograms_can_be_read(name, figures):
     settings = WorkspaceSettings(samples=4096, regions=(0, 0.02, 0.05, 0.1, 0.3, 0.5, 1.0))
     result = compute_workspace(find(name), {}, settings, shape_grid=0)
-    plots.draw_histogram(result)
+    workspace_plots.draw_histogram(result)
     low, high = figures[0].axes[0].get_xlim()
     assert low == 0
     assert result.quantiles[-1].value < high <= max(2.01 * result.largest.value, 0.01)

@@ -7,16 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pmopt.analysis.aspects import make_sweeper
-from pmopt.analysis.fibres import Ground, seek
-from pmopt.analysis.positions import measure_positions
-from pmopt.analysis.projection import measure_projection
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.aspects import make_sweeper
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.fibres import Ground, seek
+from pmopt.analysis.workspace.positions import measure_positions
+from pmopt.analysis.workspace.projection import measure_projection
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms.registry import find
-from pmopt.reporting.table import shown
-from pmopt.reporting.tables import workspace_tables
+from pmopt.reporting.tables.results import workspace_tables
+from pmopt.reporting.tables.table import shown
 
 #: Limits that bend the boundary of what is reached.
 SETTINGS = ({}, {"cone_angle": 0.5})

@@ -115,7 +115,7 @@ def test_cur_workspace():
 
 @pytest.mark.slow
 def test_cur_workspace_by_sampling_and_by_integration():
-    from pmopt.analysis.workspace import compute_workspace
+    from pmopt.analysis.workspace.compute import compute_workspace
 
     mechanism = find("3-cur")
     volume, error = mechanism.decoupled_volume(mechanism.resolve({}))

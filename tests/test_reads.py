@@ -4,9 +4,11 @@ import pytest
 from cli_runner import error_line, here
 
 from pmopt import api
-from pmopt.analysis import capability, certify, singularities
+from pmopt.analysis.certification import boxes
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace import check_read, entry_units, index_note, mixes_units
+from pmopt.analysis.singularities import survey
+from pmopt.analysis.sizing import actuators
+from pmopt.analysis.workspace.compute import check_read, entry_units, index_note, mixes_units
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 
@@ -72,11 +74,11 @@ ALONE = {claim: {"norm", "jacobian", "characteristic_length"},
          of_capability: {"norm", "jacobian", "characteristic_length"}}  # fmt: skip
 READ = {
     workspace: set(VALUES),
-    of_singularities: set(singularities.READS.fields) | {"grid"},  # its own: the aspects'
-    of_capability: set(capability.READS.fields) - ALONE[of_capability],
-    claim: set(certify.READS.fields) - ALONE[claim],
-    index_claim: set(certify.READS.fields),
-    volume: set(certify.VOLUME_READS.fields),
+    of_singularities: set(survey.READS.fields) | {"grid"},  # its own: the aspects'
+    of_capability: set(actuators.READS.fields) - ALONE[of_capability],
+    claim: set(boxes.READS.fields) - ALONE[claim],
+    index_claim: set(boxes.READS.fields),
+    volume: set(boxes.VOLUME_READS.fields),
 }
 
 

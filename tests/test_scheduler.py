@@ -12,9 +12,9 @@ import time
 import pytest
 from cli_runner import TIMEOUT, environment, error_line, here, wait_for
 
-from pmopt import scheduler
-from pmopt.reporting.runners import WorkspaceRunner
-from pmopt.reporting.workspace_run import run_workspace
+from pmopt.execution import scheduler
+from pmopt.reporting.batch.runners import WorkspaceRunner
+from pmopt.reporting.runs.workspace_run import run_workspace
 
 MECH = "2pauu-ppap"
 COMMANDS = {
@@ -27,7 +27,7 @@ COMMANDS = {
 @pytest.fixture
 def home(tmp_path, monkeypatch):
     """Return a folder with a configuration; patience is short."""
-    monkeypatch.setattr("pmopt.cluster._PATIENCE", 1.5)
+    monkeypatch.setattr("pmopt.execution.cluster._PATIENCE", 1.5)
     (tmp_path / "a.toml").write_text(f'mechanism = "{MECH}"\n')
     return tmp_path
 
@@ -114,9 +114,9 @@ def test_notices_come_after_5_10_20_seconds(monkeypatch):
 
 #: The command line with shorter patience: the notice comes before the end.
 IMPATIENT = """
-from pmopt import scheduler
+from pmopt.execution import scheduler
 scheduler.PATIENCE, scheduler.SILENT, scheduler.WITHOUT, scheduler._NOTICE = 2.0, 6.0, 6.0, 1.0
-from pmopt.reporting import workspace_checkpoint
+from pmopt.reporting.runs import workspace_checkpoint
 workspace_checkpoint.EVERY = 0.0
 from pmopt.cli import entry
 entry.main()

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from pmopt.analysis.aspects import determinants, map_aspects
-from pmopt.analysis.crossings import follow_path
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.singularities import find_singularities
-from pmopt.analysis.sweeper import Sweeper
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.singularities.crossings import follow_path
+from pmopt.analysis.singularities.survey import find_singularities
+from pmopt.analysis.workspace.aspects import determinants, map_aspects
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InfeasibleError, InputError, UnreachableError
 from pmopt.mechanisms import find
 

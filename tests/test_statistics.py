@@ -10,16 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmopt.analysis.estimates import QUANTILES, from_replicates, widening
-from pmopt.analysis.extremes import find_extremes
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.sweeper import BINS, Sweeper, Tallies
-from pmopt.analysis.workspace import compute_workspace, measure_on_grid, measure_to_target
+from pmopt.analysis.workspace.compute import compute_workspace, measure_on_grid, measure_to_target
+from pmopt.analysis.workspace.estimates import QUANTILES, from_replicates, widening
+from pmopt.analysis.workspace.extremes import find_extremes
+from pmopt.analysis.workspace.sweeper import BINS, Sweeper, Tallies
+from pmopt.kernels.sweep import bin_of
 from pmopt.mechanisms import find
 from pmopt.numerics.bins import bin_edges, bins_of
-from pmopt.numerics.sweep import bin_of
-from pmopt.reporting import canvas, plots, tables
-from pmopt.reporting.table import shown
+from pmopt.reporting.pictures import style, workspace_plots
+from pmopt.reporting.tables import results
+from pmopt.reporting.tables.table import shown
 
 TORUS = {"m": 0.9, "n": 0.9, "l1": 1.0, "l2": 0.8}
 TORUS_VOLUME = math.pi**2 * 0.8**2
@@ -251,7 +252,7 @@ def test_bounds_are_not_called_standard_errors():
     assert {"volume_error_bound", "share_error_bound"} <= set(document["regions"][0])
     # Positions are counted on voxels: their errors are standard errors here too.
     assert "standard_error" in document["projected_volume"]
-    (table, *_) = tables.workspace_tables(result)
+    (table, *_) = results.workspace_tables(result)
     heads, body = table.data()
     assert heads == ["quantity", "value", "standard_error", "error_bound", "unit"]
     rows = {row[0]: row for row in body}
@@ -355,7 +356,7 @@ def test_extremes_have_no_standard_error():
     ]  # fmt: skip
     assert lci["standard_error"] == result.gci.error
     assert (lci["min_bound"], lci["max_bound"]) == ("found", "found")
-    (table,) = tables.workspace_tables(result)
+    (table,) = results.workspace_tables(result)
     texts = {row[0]: shown(row[1]) for row in table.rows}
     assert texts["lci min"].startswith("<= 0.164")
     assert texts["lci max"].startswith(">= 0.848")
@@ -374,17 +375,17 @@ def test_a_histogram_shows_a_distribution_at_any_scale(case):
     result = compute_workspace(
         find(name), params, WorkspaceSettings(samples=1 << 16, **settings), shape_grid=0
     )
-    end, step = plots._axis(result)
-    shares = plots._shares(result, step)
+    end, step = workspace_plots._axis(result)
+    shares = workspace_plots._shares(result, step)
     assert shares.sum() == pytest.approx(1.0, abs=0.06)
     assert shares.max() < 0.25
     assert (shares > 0).sum() >= 12
     assert result.quantiles[-1].value < end <= 1
-    assert len(plots.draw_histogram(result)) > 10_000
+    assert len(workspace_plots.draw_histogram(result)) > 10_000
 
 
 @pytest.mark.parametrize(
     ("value", "end"), [(1.7e-6, 2e-6), (2e-6, 2e-6), (0.0759, 0.08), (9.1e-4, 1e-3), (1e-7, 1e-7)]
 )
 def test_ends_of_axes_are_round(value, end):
-    assert canvas.rounded_up(value) == end
+    assert style.rounded_up(value) == end

@@ -13,7 +13,7 @@ from cli_runner import CONFIGS, environment, error_line, here, pmopt
 from test_folders import SEARCH, STRANGE, empty, in_time
 
 from pmopt.inputs import reading
-from pmopt.reporting import pictures, workspace_checkpoint
+from pmopt.reporting.runs import run_pictures, workspace_checkpoint
 
 MECH = "2pauu-ppap"
 POSE = ("--pose", "x=0,y=0,z=1.6")
@@ -188,7 +188,7 @@ def look(home, runs, name, strange, every):
 
 @pytest.fixture(autouse=True)
 def nothing_drawn(monkeypatch):
-    monkeypatch.setattr(pictures, "of_workspace", lambda *_: {"picture.png": b"drawn"})
+    monkeypatch.setattr(run_pictures, "of_workspace", lambda *_: {"picture.png": b"drawn"})
 
 
 @pytest.mark.parametrize("name", IN_RUNS)

@@ -12,8 +12,8 @@ from cli_runner import COMMAND, environment, error_line, here, pmopt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmopt.analysis import capability
-from pmopt.analysis.kinematics import (
+from pmopt.analysis.kinematics.pose_rows import read_rows
+from pmopt.analysis.kinematics.solve import (
     Index,
     Inverting,
     Jacobians,
@@ -21,7 +21,7 @@ from pmopt.analysis.kinematics import (
     inverse_kinematics,
     jacobian_at,
 )
-from pmopt.analysis.rows import read_rows
+from pmopt.analysis.sizing import actuators
 from pmopt.errors import InputError, UnreachableError
 from pmopt.inputs import tables, text
 from pmopt.mechanisms import find
@@ -236,7 +236,8 @@ def test_reading_takes_little_memory(tmp_path):
     written(tmp_path, [{"x": 0.1234567890123, "y": 0.25, "z": 1.1}] * 100_000)
     script = (
         "import resource\nfrom pathlib import Path\n"
-        "from pmopt.analysis.rows import read_rows\nfrom pmopt.mechanisms import find\n"
+        "from pmopt.analysis.kinematics.pose_rows import read_rows\n"
+        "from pmopt.mechanisms import find\n"
         f"m = find({MECH!r})\n"
         "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
         "rows = read_rows(Path('poses.csv'), '--poses', m, m.pose)\n"
@@ -283,16 +284,16 @@ def test_lines_are_those_of_the_whole_text(content, encoding):
 
 def asked_of(samples=4096):
     mechanism = find(MECH)
-    settings = capability.WorkspaceSettings()
-    return capability.compute_capability(
-        mechanism, mechanism.resolve({}), settings, capability.Task(speed=1.0),
+    settings = actuators.WorkspaceSettings()
+    return actuators.compute_capability(
+        mechanism, mechanism.resolve({}), settings, actuators.Task(speed=1.0),
         {"theta1_rate": 2.0}, samples=samples,
     )  # fmt: skip
 
 
 def test_blocks_of_demands_change_nothing(monkeypatch):
     whole = asked_of(16 * 4096)
-    monkeypatch.setattr(capability, "_PART", 1 << 10)
+    monkeypatch.setattr(actuators, "_PART", 1 << 10)
     assert asked_of(16 * 4096).to_dict() == whole.to_dict()
 
 
@@ -300,14 +301,14 @@ def test_counted_demands_are_those_kept():
     values = np.exp(np.random.default_rng(1).normal(size=(3, 40_000)))
     values[1] = 0.7
     values[2, :200] = np.inf
-    kept, counted = capability._Exact(3), capability._Binned(3)
+    kept, counted = actuators._Exact(3), actuators._Binned(3)
     for part in np.array_split(values, 5, axis=1):
         kept.add(part)
         counted.add(part)
     exact, found = kept.levels(), counted.levels()
     assert found == pytest.approx(exact, rel=2 * counted.resolution)
     assert found[1] == pytest.approx([0.7] * 4, rel=1e-15)
-    joined = capability._Binned(3)
+    joined = actuators._Binned(3)
     joined.join(counted)
     joined.join(counted)
     assert joined.levels() == pytest.approx(found, rel=2 * counted.resolution)
@@ -315,7 +316,7 @@ def test_counted_demands_are_those_kept():
 
 def test_of_many_samples_demands_are_counted(monkeypatch):
     kept = asked_of()
-    monkeypatch.setattr(capability, "_MOST_KEPT", 0)
+    monkeypatch.setattr(actuators, "_MOST_KEPT", 0)
     counted = asked_of()
     for one, other in zip(kept.demands, counted.demands, strict=True):
         assert other.volume == pytest.approx(one.volume, nan_ok=True)

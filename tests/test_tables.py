@@ -35,8 +35,16 @@ from hypothesis import strategies as st
 from pmopt.cli import output
 from pmopt.cli.output import Pace, fitted
 from pmopt.mechanisms import find, names
-from pmopt.reporting.layout import Style, lay_out, width_of, wrap
-from pmopt.reporting.table import Shown, Table, Uncertain, estimated, shown, to_csv, uncertain
+from pmopt.reporting.tables.layout import Style, lay_out, width_of, wrap
+from pmopt.reporting.tables.table import (
+    Shown,
+    Table,
+    Uncertain,
+    estimated,
+    shown,
+    to_csv,
+    uncertain,
+)
 
 WIDTHS = (60, 80, 140)
 

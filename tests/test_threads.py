@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from pmopt import threads as shared
-from pmopt.threads import ordered_map
+from pmopt.execution import threads as shared
+from pmopt.execution.threads import ordered_map
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pmopt import api
-from pmopt.analysis.crossings import follow_path
-from pmopt.analysis.measures import measures_at
-from pmopt.analysis.motion_config import resolve_motion
-from pmopt.analysis.touching import Jets, between, least_along, least_sizes
+from pmopt.analysis.kinematics.determinants import measures_at
+from pmopt.analysis.motion.config import resolve_motion
+from pmopt.analysis.singularities.crossings import follow_path
+from pmopt.analysis.singularities.touching import Jets, between, least_along, least_sizes
 from pmopt.mechanisms import find
-from pmopt.reporting.motion_run import run_motion
+from pmopt.reporting.runs.motion_run import run_motion
 
 GRAZE = {
     "mechanism": "3-ups-sp",
@@ -140,7 +140,7 @@ def test_a_peak_that_no_other_instant_has_is_explained():
 @pytest.mark.parametrize("rows", [2, 3, 40])
 def test_a_path_that_touches_between_its_rows(rows, monkeypatch):
     """A determinant that is a square along the path, as at a fold."""
-    from pmopt.analysis import crossings
+    from pmopt.analysis.singularities import crossings
 
     def square(mechanism, mode, parameters, pose):
         found = measures_at(mechanism, mode, parameters, pose)

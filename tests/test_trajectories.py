@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pmopt.analysis import laws
-from pmopt.analysis.motion_config import MAX_INSTANTS, resolve_motion
-from pmopt.analysis.trajectories import instants, plan_trajectory
+from pmopt.analysis.motion import waypoint_laws
+from pmopt.analysis.motion.config import MAX_INSTANTS, resolve_motion
+from pmopt.analysis.motion.trajectories import instants, plan_trajectory
 from pmopt.errors import InputError
 
 WAYPOINTS = [[0.0, 0.0, 1.5], {"x": 0.1, "y": 0.1, "z": 1.6}, [0.2, 0.0, 1.4]]
@@ -61,8 +61,8 @@ def check_derivatives(trajectory, jumps=False):
     ("name", "blend"), [("quintic", 0.25), ("trapezoidal", 0.2), ("trapezoidal", 0.5)]
 )
 def test_a_law_runs_from_rest_to_rest(name, blend):
-    law = laws.law_of(name, blend)
-    path = laws.rest_to_rest(np.array([[0.0], [1.0]]), np.array([0.0, 1.0]), [law])
+    law = waypoint_laws.law_of(name, blend)
+    path = waypoint_laws.rest_to_rest(np.array([[0.0], [1.0]]), np.array([0.0, 1.0]), [law])
     u = np.linspace(0, 1, 100_001)
     s, rate, acceleration = (path(u, order)[:, 0] for order in range(3))
     assert s[0] == 0 and s[-1] == pytest.approx(1, abs=1e-14)
@@ -87,10 +87,10 @@ caps = st.tuples(*[st.floats(0.05, 20)] * 2)
 def test_shortest_times_meet_a_limit_and_break_none(given_steps, name, blend, rates, accelerations):
     steps = np.array(given_steps)
     rates, accelerations = np.array(rates), np.array(accelerations)
-    spans, chosen = laws.shortest(steps, name, blend, rates, accelerations)
+    spans, chosen = waypoint_laws.shortest(steps, name, blend, rates, accelerations)
     times = np.insert(np.cumsum(spans), 0, 0.0)
     points = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
-    path = laws.rest_to_rest(points, times, chosen)
+    path = waypoint_laws.rest_to_rest(points, times, chosen)
     for k, span in enumerate(spans):
         t = times[k] + np.linspace(0, span, 2001)[1:-1]
         peaks = np.abs(path(t, 1)).max(axis=0) / rates
@@ -100,10 +100,12 @@ def test_shortest_times_meet_a_limit_and_break_none(given_steps, name, blend, ra
 
 
 def test_both_limits_give_the_shortest_trapezoid():
-    free, _ = laws.shortest(np.array([[1.0]]), "trapezoidal", None, np.ones(1), np.full(1, 4.0))
+    free, _ = waypoint_laws.shortest(
+        np.array([[1.0]]), "trapezoidal", None, np.ones(1), np.full(1, 4.0)
+    )
     assert free[0] == pytest.approx(1.25)  # rate 1 for 1 m, and 0.25 s to reach it
     for blend in (0.1, 0.2, 0.3, 0.5):
-        other, _ = laws.shortest(
+        other, _ = waypoint_laws.shortest(
             np.array([[1.0]]), "trapezoidal", blend, np.ones(1), np.full(1, 4.0)
         )
         assert other[0] >= free[0] - 1e-12
@@ -232,7 +234,7 @@ def test_gate(tmp_path):
 def test_gate_corners_lie_within_their_radius(radius):
     start, end = np.array([0.0, 0.0, 0.0]), np.array([0.6, 0.0, 0.05])
     top = np.array([[0.0, 0.0, 0.2], [0.6, 0.0, 0.2]])
-    made = laws.gate(start, end, top, [0, 1, 2], radius)
+    made = waypoint_laws.gate(start, end, top, [0, 1, 2], radius)
     s = np.linspace(0, made.length, 5001)
     points = made.path(s)
     np.testing.assert_allclose(points[[0, -1]], [start, end], atol=1e-12)
@@ -522,7 +524,7 @@ def test_time_stamps_since_an_epoch_keep_their_digits(unit, tmp_path):
     (tmp_path / "p.csv").write_text(f"t [{unit}],x,y,z\n" + "\n".join(rows))
     task = plan({"file": "p.csv", "step": 1e-6}, tmp_path)
     read = [float(e - exact[0]) for e in exact]
-    from pmopt.analysis.recordings import read_recording
+    from pmopt.analysis.motion.recordings import read_recording
     from pmopt.mechanisms import find
 
     mechanism = find("2pauu-ppap")

@@ -14,9 +14,9 @@ from scipy.optimize import least_squares
 from test_contract import random_poses, reachable, ready
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import within
+from pmopt.mechanisms.mechanism import within
 
 RPS = find("4-ups-rps")
 DEFAULT = RPS.resolve({})

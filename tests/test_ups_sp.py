@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from test_contract import random_poses, reachable, ready
 
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import within
+from pmopt.mechanisms.mechanism import within
 
 SP = find("3-ups-sp")
 DEFAULT = SP.resolve({})

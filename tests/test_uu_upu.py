@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from test_contract import random_poses, reachable, ready
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
+from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import find
 

@@ -9,10 +9,11 @@ from cli_runner import COMMAND, Terminal, environment, json_answer
 
 from pmopt import api
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sweeper import Sweeper
-from pmopt.analysis.warmup import warm_up
+from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.analysis.workspace.warmup import warm_up
+from pmopt.compiler import machine_code
+from pmopt.kernels import ascent, cells
 from pmopt.mechanisms import find
-from pmopt.numerics import ascent, cells, compiled
 
 
 @pytest.fixture
@@ -42,16 +43,16 @@ def test_a_cache_that_can_not_be_written_is_no_error(nothing_kept, monkeypatch):
     blocked = nothing_kept / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))
-    monkeypatch.setattr(compiled, "own_root", lambda: blocked / "own")
+    monkeypatch.setattr(machine_code, "own_root", lambda: blocked / "own")
     cells_only = cells.kernels()
-    compiled.compile_ahead([(cells_only, "chain")], 2)
+    machine_code.compile_ahead([(cells_only, "chain")], 2)
     assert not cells_only.is_compiled("chain")
     assert blocked.read_text() == "no folder"
 
 
 def test_processes_that_fail_leave_it_to_the_call(nothing_kept, monkeypatch):
-    monkeypatch.setattr(compiled.sys, "executable", "/bin/false")
-    compiled.compile_ahead([(cells.kernels(), "chain")], 2)
+    monkeypatch.setattr(machine_code.sys, "executable", "/bin/false")
+    machine_code.compile_ahead([(cells.kernels(), "chain")], 2)
     assert len(cells.hull(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))) == 3
 
 

@@ -13,15 +13,17 @@ import naive
 import numpy as np
 import pytest
 
-from pmopt.analysis import workspace as workspace_module
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.shape import topology_of
-from pmopt.analysis.sweeper import Sweeper, chunk_ranges
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace import compute as workspace_module
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.shape import topology_of
+from pmopt.analysis.workspace.sweeper import Sweeper, chunk_ranges
+from pmopt.compiler import machine_code, program_text
+from pmopt.compiler.machine_code import folder_of
 from pmopt.errors import InputError, PmoptError
+from pmopt.kernels import sweep
 from pmopt.mechanisms import find
-from pmopt.numerics import compiled, sequences, specialise, sweep
-from pmopt.numerics.compiled import folder_of
+from pmopt.numerics import sequences
 
 PAUU = find("2pauu-ppap")
 # With m = n both limbs sweep one torus; above its axis lies half of 2 pi^2 l1 l2^2.
@@ -640,7 +642,7 @@ def still(x, y, z, constants):
 
 def recipe(kernel, norm="2", constants=1):
     """Return what a kernel of three coordinates is specialised to, without a skeleton."""
-    return specialise.Recipe(kernel, still, 3, constants, 3, norm, (), (), 0)
+    return program_text.Recipe(kernel, still, 3, constants, 3, norm, (), (), 0)
 
 
 def load_kernel(path, factor=1.0, tiny=1e-300):
@@ -657,15 +659,15 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
 
     def digest(kernel, norm="2"):
         made = recipe(kernel, norm)
-        return folder_of(specialise.module_text(made), made.entries)
+        return folder_of(program_text.module_text(made), made.entries)
 
     base = load_kernel(tmp_path / "one.py")
     assert digest(load_kernel(tmp_path / "two.py")) == digest(base)
     other = digest(load_kernel(tmp_path / "three.py", factor=2.0))
     digests = {digest(base), other, digest(base, "fro")}
-    monkeypatch.setattr(specialise.condition, "C7", 1.25)
+    monkeypatch.setattr(program_text.condition, "C7", 1.25)
     digests.add(digest(base))
-    monkeypatch.setattr(specialise.sweep, "TWO_POW_M52", 0.5)
+    monkeypatch.setattr(program_text.sweep, "TWO_POW_M52", 0.5)
     digests.add(digest(base))
     assert len(digests) == 5
 
@@ -673,7 +675,7 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
 def test_text_stands_alone():
     """The specialised module imports nothing of the package."""
     for norm in ("2", "fro"):
-        module = specialise.module_text(recipe(PAUU.kernel, norm, PAUU.constant_count))
+        module = program_text.module_text(recipe(PAUU.kernel, norm, PAUU.constant_count))
         compile(module, "specialised", "exec")
         assert "pmopt" not in re.sub(r":mod:`[^`]*`|:class:`[^`]*`", "", module)
         assert f"inverse_condition_{norm}(" in module
@@ -683,7 +685,7 @@ def test_constants_of_one_name_do_not_mix(tmp_path):
     """A kernel's TINY must not become that of the conditioning."""
     kernel = load_kernel(tmp_path / "clash.py", tiny=0.5)
     with pytest.raises(TypeError, match="TINY"):
-        specialise.module_text(recipe(kernel))
+        program_text.module_text(recipe(kernel))
 
 
 def field_of(module, poses, constants):
@@ -701,10 +703,10 @@ def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
     for factor in (2.0, 4.0):
         kernel = load_kernel(tmp_path / "kernel.py", factor)
         told = []
-        module = specialise.specialise(recipe(kernel), lambda: told.append(1))  # noqa: B023
+        module = program_text.specialise(recipe(kernel), lambda: told.append(1))  # noqa: B023
         margin, lci = field_of(module, np.zeros((3, 1)), [0.5])
         assert told == [1]
-        assert specialise.specialise(recipe(kernel)) is module
+        assert program_text.specialise(recipe(kernel)) is module
         assert margin[0] == 0.25
         folders.append(module.folder)
         values.append(lci[0])
@@ -737,7 +739,7 @@ def test_kept_machine_code_needs_no_numba(tmp_path):
 
 def test_entries_check_their_arrays(tmp_path, empty_cache):
     """What machine code can not check is checked before: type, rank, order, fixed lengths."""
-    module = specialise.specialise(recipe(load_kernel(tmp_path / "kernel.py")))
+    module = program_text.specialise(recipe(load_kernel(tmp_path / "kernel.py")))
     scratch = np.empty((recipe(still).scratch_rows, sweep.PITCH))
     good = [np.zeros((3, 4)), np.array([0.5]), np.empty(4), np.empty(4), scratch]
     module.field(*good)
@@ -758,4 +760,4 @@ def test_unwritable_cache_costs_time_only(empty_cache, monkeypatch):
     monkeypatch.undo()
     assert text(compute(samples=2**12)) == there
     assert blocked.read_text() == "no folder"
-    assert compiled.cache_root() != blocked / "cache"
+    assert machine_code.cache_root() != blocked / "cache"

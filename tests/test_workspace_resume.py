@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from killing import checkpoints, kill_and_resume, outputs, start
 
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.sums import Sums
-from pmopt.analysis.sweeper import BLOCK_CHUNKS, CHUNK
-from pmopt.analysis.workspace import compute_workspace
+from pmopt.analysis.workspace.compute import compute_workspace
+from pmopt.analysis.workspace.partial_sums import Sums
+from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
-from pmopt.reporting import pictures, workspace_checkpoint, workspace_run
-from pmopt.reporting.tasks import WorkspaceTask
-from pmopt.reporting.workspace_checkpoint import WorkspaceCheckpoint
+from pmopt.reporting.runs import run_pictures, workspace_checkpoint, workspace_run
+from pmopt.reporting.runs.tasks import WorkspaceTask
+from pmopt.reporting.runs.workspace_checkpoint import WorkspaceCheckpoint
 
 MECH = "2pauu-ppap"
 BLOCK = BLOCK_CHUNKS * CHUNK  # points of all 16 replicates
@@ -48,7 +48,7 @@ def resumes_of(folder):
 def nothing_drawn():
     """Pictures take longer than these runs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pictures, "of_workspace", lambda *_: {})
+        patch.setattr(run_pictures, "of_workspace", lambda *_: {})
         yield
 
 
@@ -108,8 +108,8 @@ def test_begun_on_another_installation(in_one_go, tmp_path, monkeypatch, every_b
     folder, task = tmp_path / "run", task_of(**RUNS["samples"])
     with monkeypatch.context() as patch:
         Stopper(patch, 2)
-        patch.setattr("pmopt.installation.processor", lambda: "Z80")
-        patch.setattr("pmopt.installation.__version__", "0.0.1")
+        patch.setattr("pmopt.storage.installation.processor", lambda: "Z80")
+        patch.setattr("pmopt.storage.installation.__version__", "0.0.1")
         with pytest.raises(KeyboardInterrupt):
             workspace_run.run_workspace(task, folder)
     lines = []

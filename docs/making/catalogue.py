@@ -13,13 +13,13 @@ from making.figures import Figure, rounded, sampled
 from making.pages import Finding, Says, Statement, table
 from making.registry import maker
 from making.words import mobility, numbers, parameters, percent, shape, trimmed, word
-from pmopt.analysis.families import Family
-from pmopt.analysis.motion import Motion
-from pmopt.analysis.singularities import SingularityResult
-from pmopt.analysis.workspace import WorkspaceResult
+from pmopt.analysis.motion.compute import Motion
+from pmopt.analysis.singularities.families import Family
+from pmopt.analysis.singularities.survey import SingularityResult
+from pmopt.analysis.workspace.compute import WorkspaceResult
 from pmopt.errors import PmoptError
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import InverseSolution
+from pmopt.mechanisms.mechanism import InverseSolution
 
 CUR, SP, RPS, UPU = (
     f"docs/mechanisms/{name}.md" for name in ("3-cur", "3-ups-sp", "4-ups-rps", "2uu-upu")

@@ -16,11 +16,11 @@ from pydantic_core import PydanticUndefined
 from making.figures import Figure
 from making.pages import Block, Statement
 from making.registry import maker
-from pmopt.analysis.motion_config import MotionConfig
+from pmopt.analysis.motion.config import MotionConfig
 from pmopt.analysis.settings import Range
 from pmopt.inputs.fields import LENGTH, Unit, UnitByName, UnitInWords
-from pmopt.reporting.batch_plan import BatchKeys
-from pmopt.reporting.runners import WorkspaceConfig
+from pmopt.reporting.batch.plan import BatchKeys
+from pmopt.reporting.batch.runners import WorkspaceConfig
 from pmopt.synthesis.config import RunConfig
 
 PAGE = "docs/configuration.md"

@@ -14,9 +14,9 @@ from making.figures import Figure, rounded
 from making.pages import ROOT, Says, Statement, table, verbatim
 from making.registry import maker
 from making.words import printed
-from pmopt.analysis.laws import law_of
+from pmopt.analysis.motion.waypoint_laws import law_of
 from pmopt.mechanisms import find, names
-from pmopt.reporting.simulate_run import SimulationRun
+from pmopt.reporting.runs.simulate_run import SimulationRun
 
 PAGE, MOTION = "docs/dynamics.md", "docs/motion.md"
 MOTIONS = ROOT / "configs" / "motion"
@@ -33,9 +33,9 @@ SHIPPED = (
 @maker("dynamics-bodies")
 def bodies() -> Iterator[Statement]:
     """Yield what the engine's models consist of, at home."""
-    from pmopt.analysis.engine import Engine
-    from pmopt.analysis.mjcf import to_mjcf
-    from pmopt.analysis.multibody import declared_tree
+    from pmopt.analysis.multibody.mjcf import to_mjcf
+    from pmopt.analysis.multibody.model import declared_tree
+    from pmopt.analysis.multibody.mujoco_engine import Engine
 
     rows = []
     for name in sorted(names()):

@@ -55,15 +55,15 @@ def toml() -> Iterator[Finding]:
 @maker("constants")
 def constants() -> Iterator[Statement]:
     """Yield sizes that the program chooses: grids, first samples, blocks, times to wait."""
-    from pmopt.analysis.aspects import CELLS
-    from pmopt.analysis.certify import MAX_OPEN
+    from pmopt.analysis.certification.boxes import MAX_OPEN
     from pmopt.analysis.settings import DEFAULT_REPLICATES
-    from pmopt.analysis.shape import DEFAULT_GRIDS
-    from pmopt.analysis.sweeper import BLOCK_CHUNKS, CHUNK
+    from pmopt.analysis.workspace.aspects import CELLS
+    from pmopt.analysis.workspace.shape import DEFAULT_GRIDS
+    from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK
+    from pmopt.execution.scheduler import PATIENCE
+    from pmopt.kernels.sweep import BLOCK
     from pmopt.mechanisms.bodies import STEEL
-    from pmopt.numerics.sweep import BLOCK
-    from pmopt.reporting.workspace_checkpoint import EVERY
-    from pmopt.scheduler import PATIENCE
+    from pmopt.reporting.runs.workspace_checkpoint import EVERY
     from pmopt.synthesis.config import FinalSettings
     from pmopt.synthesis.problem import FINAL_SAMPLES, FIRST_ON_LINES, FIRST_SAMPLES
     from pmopt.synthesis.reference import CORNERS, DESIGNS

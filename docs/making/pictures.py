@@ -16,8 +16,8 @@ from PIL import Image, ImageFilter
 from making.pages import IMAGES, ROOT, Finding, Page, Picture, Statement, documents, links, table
 from making.registry import add, maker
 from making.words import run_folder
-from pmopt.files import write_atomic
 from pmopt.mechanisms import names
+from pmopt.storage.files import write_atomic
 
 #: How much a picture may differ, in shades of 255 after blurring: fonts are drawn a little
 #: differently by other versions of what draws them.

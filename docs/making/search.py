@@ -12,7 +12,7 @@ from making.figures import Figure, rounded, sampled
 from making.pages import Picture, Says, Statement, table
 from making.registry import maker
 from making.words import parameters, run_folder, word
-from pmopt.analysis.workspace import WorkspaceResult
+from pmopt.analysis.workspace.compute import WorkspaceResult
 from pmopt.mechanisms import find, names
 
 NAME = "2pauu-ppap"

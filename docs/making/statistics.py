@@ -13,10 +13,10 @@ import pmopt
 from making.figures import Figure, rounded
 from making.pages import Says, Statement
 from making.registry import maker
-from pmopt.analysis.estimates import Estimates, from_replicates
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.sweeper import BINS, Design, Sweeper
-from pmopt.analysis.workspace import measure_on_grid, measure_to_target
+from pmopt.analysis.workspace.compute import measure_on_grid, measure_to_target
+from pmopt.analysis.workspace.estimates import Estimates, from_replicates
+from pmopt.analysis.workspace.sweeper import BINS, Design, Sweeper
 from pmopt.mechanisms import find
 
 PAGE, CAPABILITY = "docs/method.md", "docs/capability.md"

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from making.figures import Figure, rounded
 from making.pages import ROOT, Block, table
-from pmopt.analysis.mobility import MobilityResult
-from pmopt.analysis.shape import Topology
+from pmopt.analysis.mobility.freedom import MobilityResult
+from pmopt.analysis.workspace.shape import Topology
 from pmopt.mechanisms import Mechanism
 from pmopt.units import exact
 

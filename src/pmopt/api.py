@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pmopt.analysis.kinematics import (
+from pmopt.analysis.kinematics.solve import (
     ForwardResult,
     InverseResult,
     JacobianResult,
@@ -19,16 +19,16 @@ from pmopt.errors import unknown_name
 from pmopt.mechanisms import Mechanism, find, names
 
 if TYPE_CHECKING:
-    from pmopt.analysis.capability import Capability
-    from pmopt.analysis.certify import CertifiedVolume, Claim
-    from pmopt.analysis.mobility import MobilityResult
-    from pmopt.analysis.motion_config import MotionTask
-    from pmopt.analysis.singularities import SingularityResult
-    from pmopt.analysis.workspace import WorkspaceResult
-    from pmopt.reporting.batch_summary import BatchResult
-    from pmopt.reporting.motion_run import MotionRun
-    from pmopt.reporting.pareto_run import ParetoRun
-    from pmopt.reporting.simulate_run import SimulationRun
+    from pmopt.analysis.certification.boxes import CertifiedVolume, Claim
+    from pmopt.analysis.mobility.freedom import MobilityResult
+    from pmopt.analysis.motion.config import MotionTask
+    from pmopt.analysis.singularities.survey import SingularityResult
+    from pmopt.analysis.sizing.actuators import Capability
+    from pmopt.analysis.workspace.compute import WorkspaceResult
+    from pmopt.reporting.batch.summary import BatchResult
+    from pmopt.reporting.runs.motion_run import MotionRun
+    from pmopt.reporting.runs.pareto_run import ParetoRun
+    from pmopt.reporting.runs.simulate_run import SimulationRun
 
 Params = Mapping[str, Any]
 
@@ -78,7 +78,7 @@ def fk(
 ) -> ForwardResult:
     """Solve the forward kinematics: all assembly modes, or the one nearest to a pose.
 
-    :func:`pmopt.analysis.kinematics.forward_many` solves many sets of joint positions at once.
+    :func:`pmopt.analysis.kinematics.solve.forward_many` solves many sets of joint positions.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def jacobian(
         See :func:`ik`.
     **options
         ``kind``, ``characteristic_length``, ``norm`` and ``limits`` of
-        :func:`pmopt.analysis.kinematics.jacobian_at`.
+        :func:`pmopt.analysis.kinematics.solve.jacobian_at`.
     """
     return jacobian_at(find(mechanism), params, pose, working_mode, **options)
 
@@ -118,9 +118,9 @@ def mobility(mechanism: str, params: Params | None = None, **options: Any) -> Mo
         Design parameters; those left out take their defaults.
     **options
         ``layout``, ``pose``, ``working_mode``, ``samples`` and ``seed`` of
-        :func:`pmopt.analysis.mobility.mobility_of`.
+        :func:`pmopt.analysis.mobility.freedom.mobility_of`.
     """
-    from pmopt.analysis.mobility import mobility_of
+    from pmopt.analysis.mobility.freedom import mobility_of
 
     return mobility_of(find(mechanism), params, **options)
 
@@ -158,10 +158,10 @@ def workspace(
     pmopt.errors.InfeasibleError
         When nothing is reachable, with what rules it out.
     """
-    from pmopt.analysis.emptiness import require_reachable
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.workspace import compute_workspace
-    from pmopt.cluster import connect
+    from pmopt.analysis.workspace.compute import compute_workspace
+    from pmopt.analysis.workspace.emptiness import require_reachable
+    from pmopt.execution.cluster import connect
 
     found = find(mechanism)
     checked = validated(WorkspaceSettings, settings, "workspace", found.units)
@@ -199,10 +199,10 @@ def certify_volume(
         ``working_mode``, ``domain`` and ``limits`` of
         :class:`pmopt.analysis.settings.WorkspaceSettings`.
     """
-    from pmopt.analysis import certify
+    from pmopt.analysis.certification import boxes
     from pmopt.analysis.settings import WorkspaceSettings
 
-    return certify.certify_volume(
+    return boxes.certify_volume(
         find(mechanism),
         params,
         validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
@@ -237,7 +237,7 @@ def certify(
         ``min_lci``, ``domain``, ``limits``, ``working_mode``, ``norm``, ``jacobian`` and
         ``characteristic_length`` of :class:`pmopt.analysis.settings.WorkspaceSettings`.
     """
-    from pmopt.analysis.certify import certify_claim
+    from pmopt.analysis.certification.boxes import certify_claim
     from pmopt.analysis.settings import WorkspaceSettings
 
     return certify_claim(
@@ -275,12 +275,12 @@ def warmup(
     dict
         By mechanism, the number of kernels that were missing.
     """
-    from pmopt.analysis.dynamics import Mover
-    from pmopt.analysis.kinematics import Assembling, Inverting
+    from pmopt.analysis.kinematics.solve import Assembling, Inverting
+    from pmopt.analysis.motion.dynamics import Mover
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.sweeper import Sweeper
-    from pmopt.analysis.warmup import warm_up
-    from pmopt.threads import default_threads
+    from pmopt.analysis.workspace.sweeper import Sweeper
+    from pmopt.analysis.workspace.warmup import warm_up
+    from pmopt.execution.threads import default_threads
 
     told: set[str] = set()
 
@@ -323,7 +323,7 @@ def singularities(
         Cells along each axis on which aspects are told apart.
     """
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.singularities import find_singularities
+    from pmopt.analysis.singularities.survey import find_singularities
 
     return find_singularities(
         find(mechanism),
@@ -363,20 +363,20 @@ def capability(
         Sample points, their seed, and threads, which change nothing.
     workspace : mapping, optional
         Settings of the workspace: domain, limits, working_mode and what else
-        :data:`pmopt.analysis.capability.READS` names.
+        :data:`pmopt.analysis.sizing.actuators.READS` names.
     **task : float
         ``speed``, ``acceleration``, ``turn``, ``angular_acceleration`` of the pose's coordinates,
         or ``point_speed``, ``point_acceleration``, ``rotation_speed``, ``rotation_acceleration``
-        of the platform; ``force``; see :class:`pmopt.analysis.capability.Task`.
+        of the platform; ``force``; see :class:`pmopt.analysis.sizing.actuators.Task`.
 
     Raises
     ------
     pmopt.errors.InfeasibleError
         When nothing is reachable, with what rules it out.
     """
-    from pmopt.analysis.capability import SIZES, Task, check_payload, compute_capability
-    from pmopt.analysis.emptiness import require_reachable
     from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.analysis.sizing.actuators import SIZES, Task, check_payload, compute_capability
+    from pmopt.analysis.workspace.emptiness import require_reachable
     from pmopt.mechanisms.bodies import point_mass
 
     found = find(mechanism)
@@ -412,9 +412,9 @@ def motion(config: Params | str | Path, out: str | Path | None = None, **options
     out : path, optional
         The run's folder; nothing is written without it, nor of an infeasible motion.
     **options
-        ``force``, ``threads`` of :func:`pmopt.reporting.motion_run.run_motion`.
+        ``force``, ``threads`` of :func:`pmopt.reporting.runs.motion_run.run_motion`.
     """
-    from pmopt.reporting.motion_run import run_motion
+    from pmopt.reporting.runs.motion_run import run_motion
 
     return run_motion(_motion_task(config), None if out is None else Path(out), **options)
 
@@ -431,14 +431,14 @@ def simulate(
     out : path, optional
         The run's folder; nothing is written without it.
     **options
-        ``force``, ``threads`` of :func:`pmopt.reporting.simulate_run.run_simulation`.
+        ``force``, ``threads`` of :func:`pmopt.reporting.runs.simulate_run.run_simulation`.
 
     Raises
     ------
     pmopt.errors.PmoptError
         Where the engine is not installed: it comes with ``pmopt[engines]``.
     """
-    from pmopt.reporting.simulate_run import run_simulation
+    from pmopt.reporting.runs.simulate_run import run_simulation
 
     return run_simulation(_motion_task(config), None if out is None else Path(out), **options)
 
@@ -464,14 +464,14 @@ def mjcf(
     step : float
         The engine's step in s.
     """
-    from pmopt.analysis.mjcf import to_mjcf
-    from pmopt.analysis.multibody import declared_tree
+    from pmopt.analysis.multibody.mjcf import to_mjcf
+    from pmopt.analysis.multibody.model import declared_tree
 
     return to_mjcf(declared_tree(find(mechanism), params, pose, working_mode), step)
 
 
 def _motion_task(config: Params | str | Path) -> MotionTask:
-    from pmopt.analysis.motion_config import load_motion, resolve_motion
+    from pmopt.analysis.motion.config import load_motion, resolve_motion
 
     if isinstance(config, str | Path):
         return load_motion(Path(config))
@@ -496,10 +496,10 @@ def pareto(
     scheduler : str, optional
         Address of a Dask scheduler whose workers evaluate; the result is the same.
     **options
-        ``force``, ``resume``, ``threads`` of :func:`pmopt.reporting.pareto_run.run_pareto`.
+        ``force``, ``resume``, ``threads`` of :func:`pmopt.reporting.runs.pareto_run.run_pareto`.
     """
-    from pmopt.cluster import connect
-    from pmopt.reporting.pareto_run import run_pareto
+    from pmopt.execution.cluster import connect
+    from pmopt.reporting.runs.pareto_run import run_pareto
     from pmopt.synthesis.config import load_config, resolve_config
 
     if isinstance(config, str | Path):
@@ -523,10 +523,10 @@ def batch(
         The batch's folder; default: a new one in ``outputs``.
     **options
         ``workers``, ``threads``, ``scheduler``, ``shard``, ``force`` and ``notify`` of
-        :func:`pmopt.reporting.batch_run.run_batch`.
+        :func:`pmopt.reporting.batch.run.run_batch`.
     """
-    from pmopt.reporting.batch_run import run_batch
-    from pmopt.reporting.run_folder import default_folder
+    from pmopt.reporting.batch.run import run_batch
+    from pmopt.reporting.runs.run_folder import default_folder
 
     several = [configs] if isinstance(configs, str | Path) else configs
     folder = default_folder("batch") if out is None else Path(out)

@@ -11,7 +11,7 @@ from pmopt.analysis.validation import validated
 from pmopt.errors import InputError
 from pmopt.inputs.fields import LENGTH, Unit, UnitByName
 from pmopt.mechanisms import Mechanism, find
-from pmopt.mechanisms.base import JacobianKind
+from pmopt.mechanisms.mechanism import JacobianKind
 
 Norm = Literal["2", "fro"]
 DEFAULT_SAMPLES = 1 << 22

@@ -17,8 +17,8 @@ from pmopt.cli.output import Pace, emit, notifier, progress_column
 from pmopt.errors import InputError
 
 if TYPE_CHECKING:
-    from pmopt.reporting.batch_run import Batch
-    from pmopt.reporting.batch_summary import BatchResult, RunSummary
+    from pmopt.reporting.batch.run import Batch
+    from pmopt.reporting.batch.summary import BatchResult, RunSummary
 
 #: Most runs at work that the live view names.
 _NAMED = 8
@@ -77,8 +77,9 @@ def batch_command(
       pmopt batch 'configs/*.toml' --shard 2/5 --out shard-2
       pmopt batch --merge shard-1 shard-2 shard-3 shard-4 shard-5 --out all
     """
-    from pmopt.reporting import batch_run, run_folder
-    from pmopt.reporting.batch_plan import find_configs, parse_shard, plan_runs
+    from pmopt.reporting.batch import run as batch_run
+    from pmopt.reporting.batch.plan import find_configs, parse_shard, plan_runs
+    from pmopt.reporting.runs import run_folder
 
     notify = notifier(quiet)
     if merge:

@@ -96,11 +96,11 @@ def capability_command(
     Example:
       pmopt capability 2pauu-ppap --payload 2 --speed 1 --motors theta1_effort=300,theta1_rate=6
     """
-    from pmopt.analysis.capability import Task, check_limits, check_payload
     from pmopt.analysis.settings import WorkspaceSettings
+    from pmopt.analysis.sizing.actuators import Task, check_limits, check_payload
     from pmopt.analysis.validation import validated
     from pmopt.mechanisms.bodies import point_mass
-    from pmopt.reporting import capability_run
+    from pmopt.reporting.runs import capability_run
 
     sizes = {
         "speed": speed, "turn": turn, "acceleration": acceleration,

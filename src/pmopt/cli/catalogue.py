@@ -7,7 +7,7 @@ import click
 from pmopt.cli.options import common_options, mechanism_argument
 from pmopt.cli.output import emit
 from pmopt.mechanisms import Mechanism, find, names
-from pmopt.reporting import tables
+from pmopt.reporting.tables import results
 
 
 @click.command("list")
@@ -33,7 +33,7 @@ def list_command(form: str, quiet: bool, debug: bool) -> None:
             for m in found
         ]
     }
-    emit(form, document, [tables.mechanisms_table(found)])
+    emit(form, document, [results.mechanisms_table(found)])
 
 
 @click.command("info")
@@ -47,6 +47,6 @@ def info_command(mechanism: Mechanism, form: str, quiet: bool, debug: bool) -> N
       pmopt info 2pauu-ppap
     """
     emit(
-        form, tables.mechanism_document(mechanism), tables.mechanism_tables(mechanism),
-        tables.mechanism_data(mechanism),
+        form, results.mechanism_document(mechanism), results.mechanism_tables(mechanism),
+        results.mechanism_data(mechanism),
     )  # fmt: skip

@@ -63,7 +63,7 @@ def certify_command(
     """
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.validation import validated
-    from pmopt.reporting import certify_run
+    from pmopt.reporting.runs import certify_run
 
     given: dict[str, Any] = {
         "working_mode": working_mode,

@@ -8,7 +8,7 @@ from click.shell_completion import get_completion_class
 from pmopt.cli.options import common_options
 from pmopt.cli.output import emit
 from pmopt.errors import PmoptError
-from pmopt.reporting.table import Table
+from pmopt.reporting.tables.table import Table
 
 
 @click.command("completion")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from pmopt.analysis.kinematics import inverse_kinematics, reached
+from pmopt.analysis.kinematics.solve import inverse_kinematics, reached
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
-from pmopt.reporting.table import Table
+from pmopt.reporting.tables.table import Table
 
 
 @click.command("draw")
@@ -35,10 +35,10 @@ def draw_command(
     Example:
       pmopt draw 3-cur --pose z=0.35,beta=0.25,gamma=0.15 --out 3-cur.png --force
     """
-    from pmopt.files import write_atomic
-    from pmopt.reporting.canvas import drawn_as, form_of
-    from pmopt.reporting.drawing import draw_mechanism
-    from pmopt.reporting.gallery import wanted
+    from pmopt.reporting.pictures.drawing import draw_mechanism
+    from pmopt.reporting.pictures.gallery import wanted
+    from pmopt.reporting.pictures.style import drawn_as, form_of
+    from pmopt.storage.files import write_atomic
 
     form_of(out, "--out")
     if out.exists() and not force:

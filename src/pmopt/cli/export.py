@@ -10,7 +10,7 @@ from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
-from pmopt.reporting.table import Table
+from pmopt.reporting.tables.table import Table
 
 
 @click.command("export")
@@ -37,9 +37,9 @@ def export_command(
     Example:
       pmopt export 2uu-upu --out 2uu-upu.xml --force
     """
-    from pmopt.analysis.mjcf import to_mjcf
-    from pmopt.analysis.multibody import declared_tree
-    from pmopt.files import write_atomic
+    from pmopt.analysis.multibody.mjcf import to_mjcf
+    from pmopt.analysis.multibody.model import declared_tree
+    from pmopt.storage.files import write_atomic
 
     if out.suffix.lower() not in (".xml", ".mjcf"):
         raise InputError(

@@ -12,12 +12,12 @@ import click
 from pmopt.cli.options import Place, common_options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError, unknown_name
-from pmopt.files import put, remove_staged, stage
 from pmopt.inputs.examples import Example, examples, find_example
 from pmopt.inputs.reading import read_file
 from pmopt.mechanisms import Mechanism, find, names
-from pmopt.reporting.starting_config import KINDS
-from pmopt.reporting.table import Table
+from pmopt.reporting.runs.starting_config import KINDS
+from pmopt.reporting.tables.table import Table
+from pmopt.storage.files import put, remove_staged, stage
 
 _MECHANISM = "2pauu-ppap"
 #: As ``--out``: to stdout.

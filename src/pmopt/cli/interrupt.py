@@ -30,8 +30,8 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     busy = _imp.lock_held()
     signal.setitimer(signal.ITIMER_REAL, _SOON if busy else _AGAIN)
     if not busy:
-        if "pmopt.threads" in sys.modules:  # else there are none
-            sys.modules["pmopt.threads"].ending.set()
+        if "pmopt.execution.threads" in sys.modules:  # else there are none
+            sys.modules["pmopt.execution.threads"].ending.set()
         raise Interrupted
 
 

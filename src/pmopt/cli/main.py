@@ -151,7 +151,7 @@ def run(args: list[str] | None = None) -> int:
 def _check_target() -> None:
     """Refuse a target that there is not, before anything is compiled for it."""
     if os.environ.get("PMOPT_TARGET"):  # else nothing of it is imported
-        from pmopt.numerics.compiled import target
+        from pmopt.compiler.machine_code import target
 
         try:
             target()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import click
 
-from pmopt.analysis.mobility import DECLARED, DEFAULT_SAMPLES, mobility_of
+from pmopt.analysis.mobility.freedom import DECLARED, DEFAULT_SAMPLES, mobility_of
 from pmopt.cli import options
 from pmopt.cli.output import emit
 from pmopt.errors import unknown_name
 from pmopt.mechanisms import Mechanism
-from pmopt.reporting.mobility_tables import mobility_data, mobility_tables
+from pmopt.reporting.tables.mobility import mobility_data, mobility_tables
 
 
 @click.command("mobility")

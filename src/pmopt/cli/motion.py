@@ -39,16 +39,16 @@ def motion_command(
     Example:
       pmopt motion configs/motion/2uu-upu-t1.toml --out outputs/t1
     """
-    from pmopt.analysis.motion_config import load_motion
-    from pmopt.files import write_atomic
-    from pmopt.reporting import motion_run
-    from pmopt.reporting.gallery import wanted
-    from pmopt.reporting.streams import csv_pieces
+    from pmopt.analysis.motion.config import load_motion
+    from pmopt.reporting.pictures.gallery import wanted
+    from pmopt.reporting.runs import motion_run
+    from pmopt.reporting.tables.streams import csv_pieces
+    from pmopt.storage.files import write_atomic
 
     task = load_motion(config, sets)
     options.say_unusual(task.mechanism.beyond_bounds(task.parameters, str(config)))
     if animate is not None:
-        from pmopt.reporting import animation
+        from pmopt.reporting.pictures import animation
 
         rate = animation.DEFAULT_FPS if fps is None else fps
         animation.check_animation(animate, rate, force)

@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 
 import click
 
-from pmopt.analysis.rows import parse_number
+from pmopt.analysis.kinematics.pose_rows import parse_number
 from pmopt.errors import InputError
+from pmopt.execution.threads import odd_threads
 from pmopt.inputs.fields import LENGTH
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
 from pmopt.mechanisms import Mechanism, find, names
-from pmopt.threads import odd_threads
 from pmopt.units import ANGLE, ONE
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -275,7 +275,7 @@ def design_parameters(mechanism: Mechanism, texts: Sequence[str]) -> dict[str, f
     for text in texts:
         where = "--params"
         if text.startswith("@"):
-            from pmopt.reporting.designs import read_design
+            from pmopt.reporting.runs.designs import read_design
 
             where = f"--params: {text[1:]}"
             found = read_design(text[1:], mechanism, where)

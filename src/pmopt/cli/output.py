@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TextIO
 import click
 
 from pmopt.cli.encoding import writable
-from pmopt.reporting.layout import Style, lay_out, width_of, wrap
-from pmopt.reporting.table import Table, to_csv, to_json
+from pmopt.reporting.tables.layout import Style, lay_out, width_of, wrap
+from pmopt.reporting.tables.table import Table, to_csv, to_json
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult

@@ -16,7 +16,7 @@ from pmopt.cli.output import emit, notifier, progress_bar
 from pmopt.mechanisms import find
 
 if TYPE_CHECKING:
-    from pmopt.reporting.pareto_run import OnGeneration, OnMeasured
+    from pmopt.reporting.runs.pareto_run import OnGeneration, OnMeasured
     from pmopt.synthesis.config import RunConfig
     from pmopt.synthesis.optimise import Generation
 
@@ -44,8 +44,9 @@ def pareto_command(
     Example:
       pmopt pareto configs/quickstart.toml --out outputs/quickstart
     """
-    from pmopt.cluster import connect
-    from pmopt.reporting import pareto_run, run_folder, tables
+    from pmopt.execution.cluster import connect
+    from pmopt.reporting.runs import pareto_run, run_folder
+    from pmopt.reporting.tables import results
     from pmopt.synthesis.config import load_config
 
     run_config = load_config(config, sets)
@@ -78,7 +79,7 @@ def pareto_command(
             run_config, out, force=force, resume=resume, threads=threads, notify=notify,
             on_generation=on_generation, on_measured=on_measured, cluster=cluster,
         )  # fmt: skip
-    emit(form, run.to_dict(), tables.pareto_tables(run), [run.front_rows()])
+    emit(form, run.to_dict(), results.pareto_tables(run), [run.front_rows()])
 
 
 @contextmanager

@@ -9,9 +9,9 @@ import click
 from pmopt.cli import options
 from pmopt.cli.output import emit
 from pmopt.errors import InputError, PmoptError
-from pmopt.files import write_atomic
-from pmopt.folder_lock import FolderLock
 from pmopt.inputs.identify import MANIFEST, describe
+from pmopt.storage.files import write_atomic
+from pmopt.storage.folder_lock import FolderLock
 
 
 @click.command("plot")
@@ -32,18 +32,18 @@ def plot_command(
     Example:
       pmopt plot outputs/quickstart --out pictures
     """
-    from pmopt.reporting import pictures
-    from pmopt.reporting.canvas import drawn_as
-    from pmopt.reporting.gallery import lines_of
-    from pmopt.reporting.table import Shown, Table
+    from pmopt.reporting.pictures.gallery import lines_of
+    from pmopt.reporting.pictures.style import drawn_as
+    from pmopt.reporting.runs import run_pictures
+    from pmopt.reporting.tables.table import Shown, Table
 
     if not (run / MANIFEST).is_file():
         what = describe(run) if run.exists() else "no such folder"
         raise InputError(f"{run}: {what}; the folder of a finished run is needed")
     folder = out or run
-    pictures.manifest_of(run)
+    run_pictures.manifest_of(run)
     with drawn_as(picture_format), FolderLock(folder):  # a run that is being written there first
-        gallery = pictures.of_folder(run, threads)
+        gallery = run_pictures.of_folder(run, threads)
 
         def named(name: str) -> str:
             return str(Path(name).with_suffix(f".{picture_format}"))

@@ -10,16 +10,16 @@ from typing import Any
 import click
 import numpy as np
 
-from pmopt.analysis import kinematics
-from pmopt.analysis.kinematics import ForwardResult, InverseResult, JacobianResult, OutOfReach
-from pmopt.analysis.rows import Rows, read_rows
+from pmopt.analysis.kinematics import solve as kinematics
+from pmopt.analysis.kinematics.pose_rows import Rows, read_rows
+from pmopt.analysis.kinematics.solve import ForwardResult, InverseResult, JacobianResult, OutOfReach
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
-from pmopt.mechanisms.base import LARGEST_COORDINATE, Coordinate
-from pmopt.reporting import tables
-from pmopt.reporting.streams import BLOCK, Stream, form_of
+from pmopt.mechanisms.mechanism import LARGEST_COORDINATE, Coordinate
+from pmopt.reporting.tables import results as tables
+from pmopt.reporting.tables.streams import BLOCK, Stream, form_of
 
 _Block = tuple[list[dict[str, float]], list[str]]
 

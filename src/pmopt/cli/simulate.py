@@ -33,8 +33,8 @@ def simulate_command(
     Example:
       pmopt simulate configs/motion/2uu-upu-t1.toml --out outputs/t1-mujoco
     """
-    from pmopt.analysis.motion_config import load_motion
-    from pmopt.reporting import simulate_run
+    from pmopt.analysis.motion.config import load_motion
+    from pmopt.reporting.runs import simulate_run
 
     task = load_motion(config, sets)
     options.say_unusual(task.mechanism.beyond_bounds(task.parameters, str(config)))

@@ -63,9 +63,9 @@ def singularities_command(
     """
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.validation import validated
-    from pmopt.analysis.workspace import DEFAULT_SEED
-    from pmopt.reporting import singularity_run
-    from pmopt.reporting.tasks import WorkspaceTask
+    from pmopt.analysis.workspace.compute import DEFAULT_SEED
+    from pmopt.reporting.runs import singularity_run
+    from pmopt.reporting.runs.tasks import WorkspaceTask
 
     given: dict[str, Any] = {
         "samples": samples,
@@ -106,9 +106,9 @@ def _follow(
     path: Path, mechanism: Mechanism, params: tuple[str, ...], working_mode: str | None, form: str,
     quiet: bool,
 ) -> None:  # fmt: skip
-    from pmopt.analysis.crossings import follow_path
-    from pmopt.analysis.rows import read_rows
-    from pmopt.reporting.singularity_run import path_tables
+    from pmopt.analysis.kinematics.pose_rows import read_rows
+    from pmopt.analysis.singularities.crossings import follow_path
+    from pmopt.reporting.runs.singularity_run import path_tables
 
     rows = read_rows(path, "--path", mechanism, mechanism.pose)
     for note in rows.notes:

@@ -33,7 +33,7 @@ def warmup_command(
       pmopt warmup 2pauu-ppap 3-cur
     """
     from pmopt import api
-    from pmopt.reporting.table import Table
+    from pmopt.reporting.tables.table import Table
 
     with _progress(quiet) as progress:
         found = api.warmup(

@@ -11,7 +11,7 @@ from pmopt.cli import options
 from pmopt.cli.output import emit, notifier, progress_bar
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
-from pmopt.mechanisms.base import Parameters
+from pmopt.mechanisms.mechanism import Parameters
 
 if TYPE_CHECKING:
     from pmopt.analysis.settings import WorkspaceSettings
@@ -154,12 +154,13 @@ def workspace_command(
       pmopt workspace 2pauu-ppap --params m=1,n=0.7,l1=0.65,l2=1.5,c=0.1
     """
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.shape import DEFAULT_GRIDS, check_cells
     from pmopt.analysis.validation import validated
-    from pmopt.analysis.workspace import DEFAULT_SEED
-    from pmopt.cluster import connect
-    from pmopt.reporting import tables, workspace_run
-    from pmopt.reporting.tasks import WorkspaceTask
+    from pmopt.analysis.workspace.compute import DEFAULT_SEED
+    from pmopt.analysis.workspace.shape import DEFAULT_GRIDS, check_cells
+    from pmopt.execution.cluster import connect
+    from pmopt.reporting.runs import workspace_run
+    from pmopt.reporting.runs.tasks import WorkspaceTask
+    from pmopt.reporting.tables import results
 
     given: dict[str, Any] = {
         "samples": samples,
@@ -233,7 +234,7 @@ def workspace_command(
             progress=progress, cluster=cluster,
         )  # fmt: skip
     emit(
-        form, result.to_dict(), tables.workspace_tables(result), [tables.workspace_data(result)]
+        form, result.to_dict(), results.workspace_tables(result), [results.workspace_data(result)]
     )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")
@@ -244,8 +245,8 @@ def _certify(
     budgets: tuple[float | None, int | None], out: Path | None, force: bool, form: str,
     quiet: bool,
 ) -> None:  # fmt: skip
-    from pmopt.analysis.emptiness import nothing_reachable
-    from pmopt.reporting import certify_run
+    from pmopt.analysis.workspace.emptiness import nothing_reachable
+    from pmopt.reporting.runs import certify_run
 
     notify = notifier(quiet)
     result = certify_run.run_volume(

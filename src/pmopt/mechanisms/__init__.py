@@ -1,6 +1,6 @@
 """The catalogue: one file a mechanism, found by scanning this package and entry points."""
 
-from pmopt.mechanisms.base import Mechanism
+from pmopt.mechanisms.mechanism import Mechanism
 from pmopt.mechanisms.registry import find, names
 
 __all__ = ["Mechanism", "find", "names"]

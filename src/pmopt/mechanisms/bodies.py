@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from pmopt.mechanisms.base import PLATFORM, Matrix, Vector
+from pmopt.mechanisms.mechanism import PLATFORM, Matrix, Vector
 
 #: Density of the bodies that are ours, kg/m^3.
 STEEL = 7800.0

@@ -12,7 +12,7 @@ from pathlib import Path
 import pmopt.mechanisms as package
 from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.inputs.identify import describe
-from pmopt.mechanisms.base import Mechanism
+from pmopt.mechanisms.mechanism import Mechanism
 
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
 _NOT_MECHANISMS = {"base", "bodies", "registry"}

@@ -1,4 +1,4 @@
-"""Bins of the conditioning index, for NumPy: what :func:`pmopt.numerics.sweep.bin_of` counts in."""
+"""Bins of the conditioning index, for NumPy: what :func:`pmopt.kernels.sweep.bin_of` counts in."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.numerics.sweep import (
+from pmopt.kernels.sweep import (
     BINS,
     COARSE_BASE,
     COARSE_SHIFT,

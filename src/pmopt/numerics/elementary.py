@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pmopt.numerics import trigonometry as t
-from pmopt.numerics.trigonometry import arc_tangent
+from pmopt.kernels import trigonometry
+from pmopt.kernels.trigonometry import arc_tangent
 
 Values = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def _reduced(angle: float) -> tuple[int, float, float]:
         shift = max(rest.bit_length() - 60, 0)
         high = math.ldexp(float(rest >> shift), shift - _BITS)
         return k & 3, high, 0.0
-    turns = math.floor(angle * t.TWO_OVER_PI + 0.5)
+    turns = math.floor(angle * trigonometry.TWO_OVER_PI + 0.5)
     return turns & 3, *_less(angle, turns)
 
 
@@ -94,14 +94,18 @@ def _less(angle: Any, turns: Any) -> tuple[Any, Any]:
 def _sine(x: Any, y: Any) -> Any:
     z = x * x
     v = z * x
-    r = t.S2 + z * (t.S3 + z * (t.S4 + z * (t.S5 + z * t.S6)))
-    return x - ((z * (0.5 * y - v * r) - y) - v * t.S1)
+    r = trigonometry.S2 + z * (
+        trigonometry.S3 + z * (trigonometry.S4 + z * (trigonometry.S5 + z * trigonometry.S6))
+    )
+    return x - ((z * (0.5 * y - v * r) - y) - v * trigonometry.S1)
 
 
 def _cosine(x: Any, y: Any) -> Any:
     z = x * x
     w = z * z
-    r = z * (t.K1 + z * (t.K2 + z * t.K3)) + w * w * (t.K4 + z * (t.K5 + z * t.K6))
+    r = z * (trigonometry.K1 + z * (trigonometry.K2 + z * trigonometry.K3)) + w * w * (
+        trigonometry.K4 + z * (trigonometry.K5 + z * trigonometry.K6)
+    )
     half = 0.5 * z
     w = 1.0 - half
     return w + (((1.0 - w) - half) + (z * r - x * y))
@@ -233,7 +237,7 @@ def each(function: Callable[..., float], *arguments: ArrayLike) -> Values:
 def sin_cos_of(angles: ArrayLike) -> tuple[Values, Values]:
     """Return sines and cosines of finite angles of at most some thousand turns, NaN of NaN."""
     angle = np.asarray(angles, dtype=np.float64)
-    turns = np.floor(angle * t.TWO_OVER_PI + 0.5)
+    turns = np.floor(angle * trigonometry.TWO_OVER_PI + 0.5)
     x, y = _less(angle, turns)
     s, c = _sine(x, y), _cosine(x, y)
     quadrant = turns - 4.0 * np.floor(0.25 * turns)

@@ -1,6 +1,6 @@
 """Point sequences with random access by index, host side.
 
-The sweep (:mod:`pmopt.numerics.sweep`) makes points on the fly, block by block; what it
+The sweep (:mod:`pmopt.kernels.sweep`) makes points on the fly, block by block; what it
 needs to do so is prepared here once per run: starts of the additive recurrence, scrambled
 direction numbers of Sobol' points, keys of the counter-based generator.
 """

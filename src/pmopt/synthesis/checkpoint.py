@@ -4,7 +4,7 @@ Telling NSGA-II the recorded results again restores a run (:mod:`pmopt.synthesis
 of each generation, and of the designs measured again after it where there were any. The states of
 the generator are recorded too, so that a run goes on from its record also where another processor
 or version would have asked for other designs. Each generation is one file of
-:mod:`pmopt.checkpoint`.
+:mod:`pmopt.storage.checkpoint`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pmopt.checkpoint import CheckpointFolder, Grows, Notify
+from pmopt.storage.checkpoint import CheckpointFolder, Grows, Notify
 from pmopt.synthesis.config import ADAPTIVE, RunConfig
 from pmopt.synthesis.optimise import Record
 from pmopt.synthesis.problem import DesignProblem, Evaluations

@@ -15,8 +15,8 @@ from pmopt.analysis.settings import (
     WorkspaceSettings,
     named_mechanism,
 )
-from pmopt.analysis.sweeper import TOOL
 from pmopt.analysis.validation import read_config, validated
+from pmopt.analysis.workspace.sweeper import TOOL
 from pmopt.errors import InputError
 from pmopt.inputs.fields import Unit, UnitByName, UnitInWords
 from pmopt.inputs.overrides import overridden

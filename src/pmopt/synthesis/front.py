@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.estimates import Estimates
-from pmopt.analysis.workspace import number
+from pmopt.analysis.workspace.compute import number
+from pmopt.analysis.workspace.estimates import Estimates
 from pmopt.numerics.matrices import decomposed
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.optimise import hypervolume

@@ -413,7 +413,7 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
 
 def _of_one_design(problem: DesignProblem, evaluated: Evaluations) -> str:
     """Say of the design that comes nearest to reaching a pose what rules that out."""
-    from pmopt.analysis.emptiness import explain
+    from pmopt.analysis.workspace.emptiness import explain
 
     row = evaluated.variables[int(np.argmax(evaluated.slack[:, 0]))]
     parameters = problem.parameters(row)

@@ -15,23 +15,28 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.aspects import make_sweeper
-from pmopt.analysis.estimates import Estimate, Estimates, PopulationEstimates, of_population
-from pmopt.analysis.projection import Projection, measure_projection
 from pmopt.analysis.settings import split_samples
-from pmopt.analysis.sweeper import Design, Notify, Sweeper, Tallies
-from pmopt.analysis.warmup import warm_up
-from pmopt.analysis.workspace import measure_on_grid, measure_to_target
+from pmopt.analysis.workspace.aspects import make_sweeper
+from pmopt.analysis.workspace.compute import measure_on_grid, measure_to_target
+from pmopt.analysis.workspace.estimates import (
+    Estimate,
+    Estimates,
+    PopulationEstimates,
+    of_population,
+)
+from pmopt.analysis.workspace.projection import Projection, measure_projection
+from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper, Tallies
+from pmopt.analysis.workspace.warmup import warm_up
 from pmopt.errors import InputError, PmoptError, UnreachableError
+from pmopt.execution.threads import ordered_map
 from pmopt.mechanisms import find
-from pmopt.mechanisms.base import Parameters
+from pmopt.mechanisms.mechanism import Parameters
 from pmopt.numerics.sequences import Sequence as Points
 from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig, objective_units
-from pmopt.threads import ordered_map
 from pmopt.units import ONE, product_unit
 
 if TYPE_CHECKING:
-    from pmopt.cluster import Cluster
+    from pmopt.execution.cluster import Cluster
 
 #: The constraint every problem has: something must be reachable.
 REACHABLE = "reachable"

@@ -12,14 +12,14 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.projection import area, measure_footprint, replicate
-from pmopt.analysis.sweeper import Design
+from pmopt.analysis.workspace.projection import area, measure_footprint, replicate
+from pmopt.analysis.workspace.sweeper import Design
 from pmopt.errors import PmoptError
-from pmopt.numerics.cells import hull
+from pmopt.execution.threads import ordered_map
+from pmopt.kernels.cells import hull
 from pmopt.numerics.sequences import golden_steps, make_sequence
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.problem import DesignProblem
-from pmopt.threads import ordered_map
 
 #: Quasi-random designs, and most corners of the bounds beside them.
 DESIGNS = 4096

@@ -1,0 +1,1 @@
+"""Bounds and claims that are proven, rounding included."""

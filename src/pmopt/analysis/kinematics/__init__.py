@@ -1,0 +1,1 @@
+"""Inverse, forward and velocity kinematics at poses."""

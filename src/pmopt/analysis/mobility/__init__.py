@@ -1,0 +1,1 @@
+"""Freedoms and constraints of a mechanism, from its joints."""

@@ -1,0 +1,1 @@
+"""Trajectories, and the rates and efforts along them."""

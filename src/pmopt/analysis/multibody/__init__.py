@@ -1,0 +1,1 @@
+"""Mechanisms as bodies and joints of a multibody engine."""

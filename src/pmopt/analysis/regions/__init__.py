@@ -1,0 +1,1 @@
+"""Sections and surfaces of sets of poses, as numbers."""

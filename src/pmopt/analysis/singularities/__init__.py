@@ -1,0 +1,1 @@
+"""Where a mechanism loses or gains freedom."""

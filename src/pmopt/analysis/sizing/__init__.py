@@ -1,0 +1,1 @@
+"""The rates and efforts that actuators need anywhere in the workspace."""

@@ -1,0 +1,1 @@
+"""Sampling the poses in reach: volume, index, shape, positions."""

@@ -1,0 +1,62 @@
+"""Compile kernels before they are needed, several at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.compiler.machine_code import compile_ahead
+from pmopt.kernels import ascent, cells
+
+if TYPE_CHECKING:  # a workspace does without
+    from pmopt.analysis.kinematics.solve import Assembling, Inverting
+    from pmopt.analysis.motion.dynamics import Mover
+
+
+def warm_up(
+    users: Iterable[Sweeper | Mover | Assembling | Inverting],
+    workers: int,
+    shapes: bool = True,
+    extremes: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, int]:
+    """Compile what is missing of all that workspaces, their shapes and motions call.
+
+    In processes of their own: this one stays free to be interrupted.
+
+    Parameters
+    ----------
+    users : iterable of Sweeper, Mover, Assembling and Inverting
+    workers : int
+        Processes at most.
+    shapes : bool
+        False leaves out what only shapes, positions and pictures call.
+    extremes : bool
+        Without shapes, keep what looks for the extremes of the index.
+    progress : callable, optional
+        Receives how many kernels are compiled and how many were missing.
+
+    Returns
+    -------
+    dict
+        By mechanism, the number of kernels that had to be compiled.
+    """
+    shared = (cells.kernels(), ascent.kernels()) if shapes else ()
+    wanted = [(compiled, entry.name) for compiled in shared for entry in compiled.entries]
+    missing: dict[str, int] = {}
+    for user in users:
+        called = user.kernels
+        if isinstance(user, Sweeper) and not shapes:
+            called = user.measuring_kernels if extremes else user.sampling_kernels
+        new = [
+            (compiled, entry)
+            for compiled, entries in called.items()
+            for entry in entries
+            if (compiled, entry) not in wanted
+        ]
+        wanted += new
+        missing.setdefault(user.mechanism.name, 0)
+        missing[user.mechanism.name] += sum(not c.is_compiled(name) for c, name in new)
+    compile_ahead(wanted, workers, progress)
+    return missing

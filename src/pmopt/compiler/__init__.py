@@ -1,0 +1,1 @@
+"""From kernel text to machine code that is kept."""

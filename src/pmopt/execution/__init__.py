@@ -1,0 +1,1 @@
+"""Threads, processes and machines: how work is spread."""

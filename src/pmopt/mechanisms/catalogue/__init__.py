@@ -1,0 +1,1 @@
+"""The mechanisms, one file each; forward kinematics in a file beside it."""

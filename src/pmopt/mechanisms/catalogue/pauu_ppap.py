@@ -1,0 +1,576 @@
+"""2PaUU-PPaP: three translations from two crank limbs and a prismatic one.
+
+Symbols as in "Kinematic Analysis and Multi-objective Scale Synthesis of Low Coupling
+2PaUU-PPaP Parallel Mechanism": m, n, l1, l2, c, theta. Every equation was re-derived; where the
+paper's print differs (see docs/mechanisms/2pauu-ppap.md), this file is what the tables fit.
+
+Geometry, z pointing from the base towards the workspace, limb i in (1, 2)::
+
+    C1 = ( m + l1 cos t1, 0, 2c - l1 sin t1)      D1 = (x + n, y, z)
+    C2 = (-m - l1 cos t2, 0, 2c - l1 sin t2)      D2 = (x - n, y, z)
+    |D_i - C_i| = l2,        y = d
+
+With a1 = m - n - x, a2 = m - n + x, b = z - 2c, and r^2 = a^2 + b^2 the constraint of a limb is
+A cos t + B sin t + C = 0, A = 2 l1 a, B = 2 l1 b, C = r^2 + y^2 + l1^2 - l2^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from pmopt.kernels.assembly import Assembler
+from pmopt.kernels.limbs import crossed
+from pmopt.kernels.trigonometry import arc_tangent
+from pmopt.mechanisms.bodies import Body, plate, tube
+from pmopt.mechanisms.catalogue.pauu_ppap_forward import pauu_assemble
+from pmopt.mechanisms.mechanism import (
+    PLATFORM,
+    Chain,
+    Coordinate,
+    InverseSolution,
+    Joint,
+    Limb,
+    Matrix,
+    Mechanism,
+    Parameter,
+    Parameters,
+    Ranges,
+    Reach,
+    Vector,
+    wrap_angle,
+)
+from pmopt.numerics import elementary
+from pmopt.numerics.matrices import norm_of, product
+
+#: Sign s of the root in theta = atan2(B, A) + s acos(-C / sqrt(A^2 + B^2)), limbs 1 and 2.
+MODE_SIGNS = {"out-out": (-1, -1), "in-in": (1, 1), "out-in": (-1, 1), "in-out": (1, -1)}
+
+#: Poses this close to a limb's singular surface, relative to l1 + l2, count as on it: it is what
+#: rounding leaves of a pose computed to lie there.
+ON_SURFACE = 1e-9
+
+TINY = 1e-300
+#: Whether the cranks have limits: without them the margin needs no angles, hence no root.
+PAUU_CRANK_LIMITS = 1
+
+_PAPER = "paper, section 5.1 (default) and 6.2 (bounds)"
+
+
+def pauu_crank(
+    a: float, b: float, y: float, l1: float, excess: float, sign: float
+) -> tuple[float, float, float, float]:
+    """Return A^2 + B^2 - C^2, its signed root, l1 cos t and l1 sin t of a limb.
+
+    With S = sqrt(A^2 + B^2 - C^2) the root is (-A C - s B S, -B C + s A S) / (A^2 + B^2).
+    """
+    r = a * a + b * b
+    c = r + y * y + excess
+    square = 4.0 * l1 * l1 * r - c * c
+    root = sign * math.sqrt(square if square > 0.0 else 0.0)
+    half = 0.5 / (r + TINY)
+    return square, root, -(a * c + b * root) * half, (a * root - b * c) * half
+
+
+def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
+    """Return the margin and det(J_q) J^-1 at a pose, branch-free and without trigonometry.
+
+    The margin is the least of the limbs' (A^2 + B^2 - C^2) and of the joints' limits; >= 0 is
+    within. u.e = s S / 2, so that q2 u1, q1 u2, q1 q2 e_y stay finite where q_i = u_i.e_i is 0.
+    """
+    (
+        span, height, l1, excess, s1, s2, weight, top,
+        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    a1 = span - x
+    a2 = span + x
+    b = z - height
+    square1, root1, p1, v1 = pauu_crank(a1, b, y, l1, excess, s1)
+    square2, root2, p2, v2 = pauu_crank(a2, b, y, l1, excess, s2)
+
+    margin = square1 if square1 < square2 else square2
+    slack = top - z
+    margin = slack if slack < margin else margin
+    if PAUU_CRANK_LIMITS:
+        slack = cos1 * p1 + sin1 * v1 - least1
+        margin = slack if slack < margin else margin
+        slack = cos2 * p2 + sin2 * v2 - least2
+        margin = slack if slack < margin else margin
+    slack = y - d_low
+    margin = slack if slack < margin else margin
+    slack = d_high - y
+    margin = slack if slack < margin else margin
+
+    q1 = 0.5 * root1
+    q2 = 0.5 * root2
+    g1 = weight * q2
+    g2 = weight * q1
+    return (
+        margin,
+        -(a1 + p1) * g1, y * g1, (b + v1) * g1,
+        (a2 + p2) * g2, y * g2, (b + v2) * g2,
+        0.0, q1 * q2, 0.0,
+    )  # fmt: skip
+
+
+def line(x, y, z, low, high, constants):  # type: ignore[no-untyped-def]
+    """Return what both tori leave of a line along y.
+
+    It has (r - l1)^2 + y^2 <= l2^2 <= (r + l1)^2 + y^2 for both limbs. The limits of the crank
+    angles are left to the margin.
+    """
+    (
+        span, height, l1, excess, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = constants  # fmt: skip
+    b = z - height
+    a1 = span - x
+    a2 = span + x
+    r1 = math.sqrt(a1 * a1 + b * b)
+    r2 = math.sqrt(a2 * a2 + b * b)
+    link2 = l1 * l1 - excess
+    outer1 = link2 - (r1 - l1) * (r1 - l1)
+    outer2 = link2 - (r2 - l1) * (r2 - l1)
+    inner1 = link2 - (r1 + l1) * (r1 + l1)
+    inner2 = link2 - (r2 + l1) * (r2 + l1)
+    outer = outer1 if outer1 < outer2 else outer2
+    inner = inner1 if inner1 > inner2 else inner2
+    far = math.sqrt(outer if outer > 0.0 else 0.0)
+    near = math.sqrt(inner if inner > 0.0 else 0.0)
+    return (
+        -far if -far > low else low, -near if -near < high else high,
+        near if near > low else low, far if far < high else high,
+    )  # fmt: skip
+
+
+def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
+    """Return the platform, cranks, links and platform radii, and the cosines of the U joints.
+
+    Limb 3 keeps the platform level and has no declared shape: it has no segments.
+    """
+    (
+        span, height, l1, excess, s1, s2, _, _, _, _, _, _, _, _, _, _,
+        radius, ref1_x, ref1_z, ref2_x, ref2_z, _,
+    ) = constants  # fmt: skip
+    m = span + radius
+    b = z - height
+    _, _, p1, v1 = pauu_crank(span - x, b, y, l1, excess, s1)
+    _, _, p2, v2 = pauu_crank(span + x, b, y, l1, excess, s2)
+    c1_x = m + p1
+    c1_z = height - v1
+    c2_x = -m - p2
+    c2_z = height - v2
+    d1_x = x + radius
+    d2_x = x - radius
+    cone1 = (d1_x - c1_x) * ref1_x + (z - c1_z) * ref1_z
+    cone2 = (d2_x - c2_x) * ref2_x + (z - c2_z) * ref2_z
+    return (
+        x, y, z, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0,
+        m, 0.0, height, c1_x, 0.0, c1_z,
+        c1_x, 0.0, c1_z, d1_x, y, z,
+        -m, 0.0, height, c2_x, 0.0, c2_z,
+        c2_x, 0.0, c2_z, d2_x, y, z,
+        x, y, z, d1_x, y, z,
+        x, y, z, d2_x, y, z,
+        cone1, cone1, cone2, cone2,
+    )  # fmt: skip
+
+
+def posture(x, y, z, constants):  # type: ignore[no-untyped-def]
+    """Return platform, joints' positions and joints; see :meth:`PauuPpap.layout`."""
+    s = skeleton(x, y, z, constants)
+    height, long = constants[1], constants[21]
+    m1x, c1x, c1z, d1x = s[12], s[15], s[17], s[21]
+    m2x, c2x, c2z, d2x = s[24], s[27], s[29], s[33]
+    a1x, a1y, a1z = crossed(0.0, 1.0, 0.0, d1x - c1x, y, z - c1z)
+    a2x, a2y, a2z = crossed(0.0, 1.0, 0.0, d2x - c2x, y, z - c2z)
+    rise = z - height
+    flat = long * long - rise * rise
+    out = math.sqrt(flat if flat > 0.0 else 0.0)
+    return (
+        *s[:12],
+        arc_tangent(height - c1z, c1x - m1x), arc_tangent(height - c2z, m2x - c2x), y,
+        m1x, 0.0, height, 0.0, 1.0, 0.0, c1x - m1x, 0.0, c1z - height,
+        c1x, 0.0, c1z, 0.0, 1.0, 0.0, a1x, a1y, a1z,
+        d1x, y, z, a1x, a1y, a1z, 0.0, 1.0, 0.0,
+        m2x, 0.0, height, 0.0, -1.0, 0.0, c2x - m2x, 0.0, c2z - height,
+        c2x, 0.0, c2z, 0.0, 1.0, 0.0, a2x, a2y, a2z,
+        d2x, y, z, a2x, a2y, a2z, 0.0, 1.0, 0.0,
+        0.0, y, height, 0.0, 1.0, 0.0,
+        0.0, y, height, 0.0, -1.0, 0.0, out, 0.0, rise,
+        x, y, z, 1.0, 0.0, 0.0,
+    )  # fmt: skip
+
+
+class PauuPpap(Mechanism):
+    """The 2PaUU-PPaP mechanism."""
+
+    name = "2pauu-ppap"
+    title = "2PaUU-PPaP"
+    description = (
+        "three translations (x, y, z); two parallelogram cranks and a slider, decoupled in y"
+    )
+    source = (
+        "Kinematic Analysis and Multi-objective Scale Synthesis of Low Coupling "
+        "2PaUU-PPaP Parallel Mechanism"
+    )
+    freedom = "3T"
+    length_unit = "m"
+    default_jacobian = "raw"
+    length_meaning = "l1, the crank: J's crank columns become m/m"
+    parameters = (
+        Parameter("m", "length", 1.0, (0.5, 1.5), True, "base half-span", _PAPER),
+        Parameter("n", "length", 0.7, (0.2, 1.0), True, "platform radius", _PAPER),
+        Parameter("l1", "length", 0.65, (0.5, 1.5), True,
+                  "crank, long bar of the parallelogram", _PAPER),
+        Parameter("l2", "length", 1.5, (0.5, 1.5), True,
+                  "link between the two U joints of a limb", _PAPER),
+        Parameter("c", "length", 0.1, (0.1, 0.5), False,
+                  "short bar of the parallelogram; the crank pivots lie at z = 2c", _PAPER),
+        Parameter("h", "length", None, None, True,
+                  "largest allowed height z of the platform; unset: unlimited",
+                  "paper, table 1 (no value given)"),
+    )  # fmt: skip
+    pose = (
+        Coordinate("x", "length", "across, in the plane of the cranks"),
+        Coordinate("y", "length", "along the slider"),
+        Coordinate("z", "length", "from the base towards the workspace"),
+    )
+    joints = (
+        Coordinate("theta1", "angle", "crank of limb 1"),
+        Coordinate("theta2", "angle", "crank of limb 2"),
+        Coordinate("d", "length", "slider of limb 3"),
+    )
+    limbs = (
+        *(
+            Limb(
+                f"limb {k}", "P_aUU",
+                f"crank parallelogram theta{k} (actuated, axes along y), U_C{k} at C{k}, "
+                f"U_D{k} at D{k}",
+                (f"theta{k}", f"U_C{k}", f"U_D{k}"),
+            )
+            for k in (1, 2)
+        ),
+        Limb(
+            "limb 3", "PP_aP",
+            "slider d along y (actuated), parallelogram Pa_3 in xz, slider P_3 along x",
+            ("d", "Pa_3", "P_3"),
+        ),
+    )  # fmt: skip
+    conditions: ClassVar[Mapping[str, str]] = {
+        "inverse": "u_i . e_i = 0: crank and link in line as seen along y",
+        "forward": "u1x u2z = u1z u2x: both links parallel as seen along y",
+    }
+    working_modes = tuple(MODE_SIGNS)
+    kernel = staticmethod(kernel)
+    constant_count = 22
+    line = staticmethod(line)
+    line_axis = 1
+    line_parts = 2
+    skeleton = staticmethod(skeleton)
+    posture = staticmethod(posture)
+    roles = ("x", "y", "z")
+    assembler = Assembler(pauu_assemble, 2, 5, 1)
+    completeness = "closed form: two circles meet in two points at most"
+    freed = (
+        "a forward singularity, the end points of both cranks coincide as seen from the platform; "
+        "the poses form a circle"
+    )
+    segments = (0, 0, 1, 1, PLATFORM, PLATFORM)
+    spokes = (0, 1)
+    #: Neither the cranks' bars nor the platform turn: both U joints of a link swing alike.
+    cones = ("U_C1", "U_D1", "U_C2", "U_D2")
+
+    def switches(self, limits: Ranges) -> dict[str, int]:
+        """Return whether the cranks have limits."""
+        return {"PAUU_CRANK_LIMITS": int("theta1" in limits or "theta2" in limits)}
+
+    def characteristic_length(self, parameters: Parameters) -> float:
+        """Return l1."""
+        return _lengths(parameters)[2]
+
+    def reach_box(self, parameters: Parameters, limits: Ranges) -> tuple[Vector, Vector]:
+        """Return the box of both limbs' tori, cut at z = h and at the slider's limits (y = d)."""
+        m, n, l1, l2, c = _lengths(parameters)
+        d_low, d_high = limits.get("d", (-math.inf, math.inf))
+        # The link's length in the plane of the cranks, at the slider's position nearest to it.
+        offset = max(d_low, -d_high, 0.0)
+        link = math.sqrt(max(l2 * l2 - offset * offset, 0.0))
+        reach, shift = l1 + link, abs(m - n)
+        # 4 (m - n) x is the difference of the squares of two distances r, each between the folded
+        # and the stretched limb: it bounds x where the other limb's hole cuts the workspace.
+        x = min(reach - shift, l1 * link / shift) if shift else reach
+        # At x = 0 both cranks reach furthest along y: within l1 of the shift the full link.
+        y2 = l2 * l2 - max(shift - l1, 0.0) * max(shift - l1, 0.0)
+        z2 = reach * reach - shift * shift
+        if x <= 0.0 or y2 <= 0.0 or z2 <= 0.0:
+            return np.zeros(3), np.zeros(3)
+        y, z = math.sqrt(y2), math.sqrt(z2)
+        top = parameters.get("h")
+        upper = 2 * c + z if top is None else min(2 * c + z, top)
+        return np.array([-x, max(-y, d_low), 2 * c - z]), np.array([x, min(y, d_high), upper])
+
+    def default_domain(self, parameters: Parameters) -> Ranges:
+        """Return z >= 2c: the half above the crank pivots, the paper's half-torus."""
+        return {"z": (2 * _lengths(parameters)[4], math.inf)}
+
+    def home(self, parameters: Parameters) -> dict[str, float]:
+        """Return the middle of what is reached on the z axis above the crank pivots.
+
+        Below them, mirrored, where h leaves nothing above.
+        """
+        m, n, l1, l2, c = _lengths(parameters)
+        shift = m - n
+        low, high = (
+            math.sqrt(max(r * r - shift * shift, 0.0))
+            for r in (max(abs(l1 - l2), abs(shift)), l1 + l2)
+        )
+        top = parameters.get("h")
+        room = high if top is None else min(high, top - 2 * c)
+        if room <= low:
+            low, room = -high, min(-low, room)
+        return {"x": 0.0, "y": 0.0, "z": 2 * c + (low + room) / 2}
+
+    def bodies(self, parameters: Parameters) -> tuple[Body, ...]:
+        """Return steel tubes as bars and links, blocks that join them, and a flat platform."""
+        _, n, l1, l2, _ = _lengths(parameters)
+        joint = plate((0.05, 0.05, 0.05), 1.0)
+        result = []
+        for i, limb in enumerate(self.limbs[:2]):
+            result += [
+                tube(0.025, l1, 1.0, bore=0.021).times(2).body(f"{limb.name} bars", i, 0, "bars"),
+                joint.body(f"{limb.name} knee", i, 0),
+                tube(0.025, l2, 1.0, bore=0.021).body(f"{limb.name} link", i, 1),
+            ]
+        return (
+            *result,
+            plate((0.1, 0.1, 0.05), 1.0).body("limb 3 carriage", 2, 0),
+            tube(0.025, l1 + l2, 1.0, bore=0.021).times(2).body("limb 3 bars", 2, 1, "bars"),
+            joint.body("limb 3 knee", 2, 1),
+            plate((2 * n, 0.06, 0.01), 1.0).body("platform"),
+        )
+
+    def platform(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Matrix, Vector]:
+        """Return no rotation and (x, y, z)."""
+        return np.eye(3), np.array([pose["x"], pose["y"], pose["z"]])
+
+    def layout(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Chain, ...]:
+        """Return the joints; the paper gives no axes, these are ours.
+
+        Limb 3's parallelogram has long bars of l1 + l2, so that it spans every height the crank
+        limbs reach and is parallel to its slider along x nowhere within.
+        """
+        m, n, l1, l2, c = _lengths(parameters)
+        mode = self.check_mode(working_mode)
+        joints = next(s.joints for s in self.inverse(parameters, pose) if s.working_mode == mode)
+        x_axis, y_axis = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+        end = np.array([pose["x"], pose["y"], pose["z"]])
+        chains = []
+        for i, (side, link) in enumerate(
+            zip((1.0, -1.0), self._links(parameters, pose, joints), strict=True)
+        ):
+            outer = end + np.array([side * n, 0.0, 0.0])
+            pivot = np.array([side * m, 0.0, 2 * c])
+            across = np.cross(y_axis, link)
+            size = norm_of(across)
+            # A link along y, on the boundary of the reach, is crossed by every axis in xz.
+            across = across / size if size > ON_SURFACE * l2 else x_axis
+            chains.append(
+                Chain(
+                    self.limbs[i].name,
+                    (
+                        Joint("Pa", pivot, (side * y_axis,), outer - link - pivot,
+                              (self.joints[i].name, 0)),
+                        Joint("U", outer - link, (y_axis, across)),
+                        Joint("U", outer, (across, y_axis)),
+                    ),
+                )
+            )  # fmt: skip
+        rise = (pose["z"] - 2 * c) / (l1 + l2)
+        bar = (l1 + l2) * np.array([math.sqrt(max(1 - rise * rise, 0.0)), 0.0, rise])
+        foot = np.array([0.0, pose["y"], 2 * c])
+        guide = (
+            Joint("P", foot, (y_axis,), drive=(self.joints[2].name, 0)),
+            Joint("Pa", foot, (-y_axis,), bar),
+            Joint("P", end, (x_axis,)),
+        )
+        return (*chains, Chain(self.limbs[2].name, guide))
+
+    def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
+        """Return how far the end point lies inside the torus each crank limb sweeps.
+
+        A limb reaches what lies between two surfaces: the torus of radii l1 and l2 about the
+        crank axis, and the part of it that encloses the axis. The distances to both are exact.
+        """
+        _, _, l1, l2, _ = _lengths(parameters)
+        y = pose["y"]
+        result = []
+        for limb, (a, b) in zip(self.limbs, _planar(parameters, pose), strict=False):
+            r = math.hypot(a, b)
+            near, far = math.hypot(r - l1, y), math.hypot(r + l1, y)
+            stretched = l2 - near <= far - l2 and (r >= l1 or abs(y) > l2)
+            reason = "too far" if stretched else "too close"
+            result.append(Reach(limb.name, min(l2 - near, far - l2), reason))
+        return tuple(result)
+
+    def inverse(
+        self, parameters: Parameters, pose: Mapping[str, float]
+    ) -> tuple[InverseSolution, ...]:
+        """Solve A cos t + B sin t + C = 0 for both cranks (paper, eq. 15, misprints mended)."""
+        _, _, l1, l2, _ = _lengths(parameters)
+        if any(r.distance < -ON_SURFACE * (l1 + l2) for r in self.reach(parameters, pose)):
+            return ()
+        angles = []
+        for a, b in _planar(parameters, pose):
+            big_a, big_b = 2 * l1 * a, 2 * l1 * b
+            big_c = a * a + b * b + pose["y"] * pose["y"] + l1 * l1 - l2 * l2
+            # atan2 of sine and cosine keeps the digits that acos(-C / R) loses near the surface.
+            root = math.sqrt(max(big_a * big_a + big_b * big_b - big_c * big_c, 0.0))
+            middle, half = elementary.atan2(big_b, big_a), elementary.atan2(root, -big_c)
+            angles.append((middle, half))
+        (middle1, half1), (middle2, half2) = angles
+        return tuple(
+            InverseSolution(
+                mode,
+                {
+                    "theta1": wrap_angle(middle1 + s1 * half1),
+                    "theta2": wrap_angle(middle2 + s2 * half2),
+                    "d": pose["y"],
+                },
+                {},
+            )
+            for mode, (s1, s2) in MODE_SIGNS.items()
+        )
+
+    def assembly_constants(self, parameters: Parameters) -> list[float]:
+        """Return the constants of :func:`pauu_assemble`."""
+        m, n, l1, l2, c = _lengths(parameters)
+        return [m - n, l1, l2, 2 * c]
+
+    def velocity_maps(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Matrix, Matrix]:
+        """Return J_X = [u1; u2; e_y], J_q = diag(u1.e1, u2.e2, 1) (paper, eq. 18; N32 is 1)."""
+        l1 = _lengths(parameters)[2]
+        t1, t2 = joints["theta1"], joints["theta2"]
+        u1, u2 = self._links(parameters, pose, joints)
+        e1 = np.array([-l1 * elementary.sin(t1), 0.0, -l1 * elementary.cos(t1)])
+        e2 = np.array([l1 * elementary.sin(t2), 0.0, -l1 * elementary.cos(t2)])
+        return np.array([u1, u2, [0.0, 1.0, 0.0]]), np.diag([product(u1, e1), product(u2, e2), 1.0])
+
+    def singularity_measures(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> dict[str, dict[str, float]]:
+        """Return u_i.e_i / (l1 l2) and (u1x u2z - u1z u2x) / l2^2, both in [-1, 1]."""
+        _, _, l1, l2, _ = _lengths(parameters)
+        j_x, j_q = self.velocity_maps(parameters, pose, joints)
+        u1, u2 = j_x[0], j_x[1]
+        return {
+            "inverse": {self.limbs[i].name: float(j_q[i, i]) / (l1 * l2) for i in range(2)},
+            "forward": {"platform": float(u1[0] * u2[2] - u1[2] * u2[0]) / (l2 * l2)},
+        }
+
+    def velocity_map_units(self) -> dict[str, str]:
+        """Return the units of J_X's and J_q's rows."""
+        return {"J_X": "rows in m; m; 1", "J_q": "diagonal in m^2/rad; m^2/rad; 1"}
+
+    def pose_limits(self, parameters: Parameters) -> Ranges:
+        """Return z <= h."""
+        top = parameters.get("h")
+        return {} if top is None else {"z": (-math.inf, top)}
+
+    def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
+        """Compare what the links have to span with their length."""
+        l2, d = _lengths(parameters)[3], joints["d"]
+        centre1, centre2 = _centres(parameters, joints)
+        span = math.hypot(d, math.hypot(*(centre2 - centre1)) / 2)
+        return (
+            f"each link would have to be at least {span:.6g} m long, "
+            f"{span - l2:.6g} m more than l2 = {l2!r} m"
+        )
+
+    def kernel_constants(
+        self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
+    ) -> list[float]:
+        """Return the constants in the order :func:`kernel` unpacks them.
+
+        An angle's limits become a half-width about a middle: inside is
+        l1 cos(t - middle) >= l1 cos(half-width).
+        """
+        m, n, l1, l2, c = _lengths(parameters)
+        s1, s2 = MODE_SIGNS[working_mode]
+        top = parameters.get("h")
+        arcs: list[float] = []
+        for joint in ("theta1", "theta2"):
+            low, high = limits.get(joint, (-math.pi, math.pi))
+            middle, half = (low + high) / 2, (high - low) / 2
+            # A full turn excludes nothing, not even by rounding.
+            least = -math.inf if half >= math.pi else l1 * elementary.cos(half)
+            arcs += [elementary.cos(middle), elementary.sin(middle), least]
+        return [
+            m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,
+            math.inf if top is None else top, *arcs, *limits.get("d", (-math.inf, math.inf)),
+            n, *self._references(parameters, s1, s2), l1 + l2,
+        ]  # fmt: skip
+
+    def idle_slacks(self, limits: Ranges) -> frozenset[int]:
+        """Return the cranks' slacks, 3 and 4, where they may turn in full."""
+        return frozenset(
+            3 + k
+            for k, joint in enumerate(("theta1", "theta2"))
+            if np.ptp(limits.get(joint, (-math.pi, math.pi))) >= 2 * math.pi
+        )
+
+    def _references(self, parameters: Parameters, s1: int, s2: int) -> list[float]:
+        """Return x and z of both links at home (x = y = 0 there), divided by l2^2."""
+        m, n, l1, l2, c = _lengths(parameters)
+        span, b, excess = m - n, self.home(parameters)["z"] - 2 * c, (l1 - l2) * (l1 + l2)
+        square, _, p1, v1 = pauu_crank(span, b, 0.0, l1, excess, s1)
+        _, _, p2, v2 = pauu_crank(span, b, 0.0, l1, excess, s2)
+        if square < 0:
+            return [0.0] * 4  # nothing is reachable
+        return [u / (l2 * l2) for u in (-span - p1, b + v1, span + p2, b + v2)]
+
+    def _links(
+        self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
+    ) -> tuple[Vector, Vector]:
+        """Return u_i = D_i - C_i."""
+        m, n, l1, _, c = _lengths(parameters)
+        end = np.array([pose["x"], pose["y"], pose["z"]])
+        t1, t2 = joints["theta1"], joints["theta2"]
+        c1 = np.array([m + l1 * elementary.cos(t1), 0.0, 2 * c - l1 * elementary.sin(t1)])
+        c2 = np.array([-m - l1 * elementary.cos(t2), 0.0, 2 * c - l1 * elementary.sin(t2)])
+        offset = np.array([n, 0.0, 0.0])
+        return end + offset - c1, end - offset - c2
+
+
+def _lengths(parameters: Parameters) -> tuple[float, float, float, float, float]:
+    """Return m, n, l1, l2, c."""
+    m, n, l1, l2, c = (float(parameters[k] or 0.0) for k in ("m", "n", "l1", "l2", "c"))
+    return m, n, l1, l2, c
+
+
+def _centres(parameters: Parameters, joints: Mapping[str, float]) -> tuple[Vector, Vector]:
+    """Return C1 and C2 in the xz plane, each moved by the platform's radius to the end point."""
+    m, n, l1, _, c = _lengths(parameters)
+    t1, t2 = joints["theta1"], joints["theta2"]
+    return (
+        np.array([m - n + l1 * elementary.cos(t1), 2 * c - l1 * elementary.sin(t1)]),
+        np.array([n - m - l1 * elementary.cos(t2), 2 * c - l1 * elementary.sin(t2)]),
+    )
+
+
+def _planar(parameters: Parameters, pose: Mapping[str, float]) -> tuple[tuple[float, float], ...]:
+    """Return (a_i, b) of both crank limbs."""
+    m, n, _, _, c = _lengths(parameters)
+    b = pose["z"] - 2 * c
+    return (m - n - pose["x"], b), (m - n + pose["x"], b)
+
+
+MECHANISM = PauuPpap()

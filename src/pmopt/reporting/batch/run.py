@@ -1,0 +1,609 @@
+"""A whole ``pmopt batch``: many runs in one folder, each in its own, and their summary.
+
+What is done stands on disk alone, run by run, so that a batch that was cut off anywhere goes on
+from there and shards of it are merged by reading their folders.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pmopt.analysis.workspace.sweeper import Notify, Sweeper
+from pmopt.analysis.workspace.warmup import warm_up
+from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
+from pmopt.execution.cluster import Cluster
+from pmopt.execution.threads import default_threads
+from pmopt.execution.workers import LocalWorkers, Pool
+from pmopt.inputs.reading import read_file, read_json
+from pmopt.reporting.batch.plan import (
+    PlannedRun,
+    find_configs,
+    in_shard,
+    parse_shard,
+    plan_runs,
+)
+from pmopt.reporting.batch.runners import RUNNERS
+from pmopt.reporting.batch.summary import FAILURE, BatchResult, RunSummary, Status, summary_of
+from pmopt.reporting.pictures.gallery import missing_lines
+from pmopt.reporting.runs.run_folder import (
+    PLAN,
+    RUNS,
+    RunFolder,
+    read_manifest,
+)
+from pmopt.reporting.tables.table import Shown, Table, estimated, to_csv
+from pmopt.storage.checkpoint import differences
+from pmopt.storage.files import unwritable, write_atomic
+from pmopt.storage.folder_lock import InUseError
+from pmopt.storage.swap import NEXT
+
+if TYPE_CHECKING:
+    from pmopt.analysis.motion.dynamics import Mover
+
+#: The batch's summary, and the file that tells workers that it is alive.
+SUMMARY, LOCK = "summary.csv", "batch.lock"
+SCHEMA = 1
+#: Runs of each command and mechanism that a dry run measures.
+_PROBED = 2
+#: Least seconds between two looks at whether a run on another machine is still wanted.
+_BEAT = 1.0
+#: Seconds to wait for a folder that another worker still has.
+_HELD = 15.0
+
+#: Bytes of a key, at most.
+_LONGEST_KEY = 1000
+
+#: Called with the number of a run and what has become of it.
+OnDone = Callable[["RunSummary"], None]
+
+
+@dataclass(frozen=True)
+class BatchPlan:
+    """What a batch would do and the time it would take, measured on some of its runs."""
+
+    rows: tuple[tuple[str, str, int, int, int, float], ...]
+    workers: int
+    columns: ClassVar[tuple[str, ...]] = (
+        "command", "mechanism", "runs", "finished", "probed", "cpu_time",
+    )  # fmt: skip
+    units: ClassVar[dict[str, str]] = {"cpu_time": "s", "estimated_time": "s"}
+
+    @property
+    def seconds(self) -> float:
+        """Estimated time of the whole batch."""
+        return sum(row[-1] for row in self.rows) / self.workers
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "groups": [dict(zip(self.columns, row, strict=True)) for row in self.rows],
+            "workers": self.workers,
+            "estimated_time": self.seconds,
+            "units": self.units,
+        }
+
+    def table(self) -> Table:
+        """Return a row for each command and mechanism."""
+        workers = f"{self.workers} worker{'s' * (self.workers > 1)}"
+        note = f"on {workers} about {estimated(self.seconds)} s"
+        rows = tuple((*row[:-1], Shown(row[-1], estimated(row[-1]))) for row in self.rows)
+        return Table("Dry run", self.columns, rows, self.units, (note,))
+
+
+@dataclass(frozen=True)
+class Share:
+    """How work is shared: over processes or over the threads of each, never both.
+
+    Attributes
+    ----------
+    workers, threads : int
+        Processes of this machine and threads of each run; one of them is 1.
+    scheduler : str or None
+        Of the Dask cluster that is used instead.
+    """
+
+    workers: int
+    threads: int
+    scheduler: str | None
+
+    def pool(self, notify: Notify | None = None) -> LocalWorkers | Cluster:
+        """Return what runs the runs, a context."""
+        if self.scheduler is None:
+            return LocalWorkers(self.workers)
+        return Cluster(self.scheduler, notify)
+
+
+def shares(
+    runs: int, workers: int | None = None, threads: int | None = None, scheduler: str | None = None
+) -> Share:
+    """Return how runs are shared.
+
+    Where nothing is said: fewer runs than cores go one after the other, each on all of them.
+
+    Raises
+    ------
+    InputError
+        For what excludes each other.
+    """
+    if scheduler is not None:
+        if workers or threads:
+            other = "--workers" if workers else "--threads"
+            raise InputError(f"--scheduler and {other} exclude each other: the cluster has its own")
+        return Share(0, 1, scheduler)
+    if (workers or 1) > 1 and (threads or 1) > 1:
+        raise InputError("--workers and --threads exclude each other: one of them may be over 1")
+    cores = default_threads()
+    if workers is None:
+        workers = 1 if (threads or 1) > 1 or runs < cores else cores
+    return Share(workers, (threads or cores) if workers == 1 else 1, None)
+
+
+def run_batch(
+    configs: Sequence[str],
+    out: Path,
+    *,
+    workers: int | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    force: bool = False,
+    notify: Notify | None = None,
+) -> BatchResult:
+    """Run configurations, or what is not done of them, into a folder.
+
+    Parameters
+    ----------
+    configs : sequence of str
+        Files and globs.
+    out : Path
+    workers, threads, scheduler
+        See :func:`shares`.
+    shard : str, optional
+        ``"2/5"``: only the second of five parts.
+    force : bool
+        Start every run afresh.
+    notify : callable, optional
+
+    Raises
+    ------
+    InputErrors
+        With a line for everything that is wrong, before anything is run.
+    """
+    notify = notify or (lambda text: None)
+    part = None if shard is None else parse_shard(shard)
+    batch = Batch(plan_runs(find_configs(configs)), out, part)
+    batch.check(force)
+    share = shares(len(batch.own), workers, threads, scheduler)
+    with share.pool(notify) as pool:
+        return batch.run(pool, force=force, threads=share.threads, notify=notify)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run, as a worker gets it."""
+
+    command: str
+    document: dict[str, Any]
+    source: str
+    folder: str
+    force: bool
+    threads: int | None
+    lock: str
+    key: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker says: nothing, or what kept the run from its end.
+
+    Where the worker does not see the batch's folder, ``files`` are those of the run.
+    """
+
+    status: Status = "finished"
+    message: str = ""
+    files: dict[str, bytes] = field(default_factory=dict)
+
+
+class _Unwanted(Exception):
+    """The batch that asked for this run has gone."""
+
+
+def run_job(job: Job) -> Outcome:
+    """Run one run of a batch: what a worker does. Raises nothing."""
+    shared = _key_of(job.lock) == job.key
+    began = looked = time.monotonic()
+
+    def beat() -> None:
+        nonlocal looked
+        if shared and time.monotonic() - looked > _BEAT:
+            looked = time.monotonic()
+            if _key_of(job.lock) != job.key:
+                raise _Unwanted
+
+    try:
+        runner = RUNNERS[job.command].resolve(job.document, job.source)
+        if shared:
+            while True:
+                try:
+                    runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
+                    return Outcome()
+                except InUseError:  # by a worker of a batch that was killed, for a moment still
+                    if time.monotonic() - began > _HELD:
+                        raise
+                    time.sleep(_BEAT / 2)
+        with tempfile.TemporaryDirectory(prefix="pmopt-") as folder:
+            runner.run(Path(folder), force=True, threads=job.threads)
+            paths = [p for p in Path(folder).rglob("*") if p.is_file()]
+            return Outcome(files={str(p.relative_to(folder)): p.read_bytes() for p in paths})
+    except InfeasibleError as error:
+        return Outcome("infeasible", str(error))
+    except PmoptError as error:
+        return Outcome("failed", str(error))
+    except MemoryError:
+        return Outcome("failed", "out of memory: fewer samples, a smaller grid or population")
+    except _Unwanted:
+        return Outcome("pending", "the batch was stopped")
+    except Exception as error:
+        return Outcome("failed", f"unexpected {type(error).__name__}: {error}")
+
+
+def _key_of(lock: str) -> str | None:
+    try:
+        return read_file(Path(lock), _LONGEST_KEY).decode("utf-8", "replace")
+    except OSError:
+        return None
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A batch and its folder.
+
+    Parameters
+    ----------
+    runs : sequence of PlannedRun
+        The whole plan, all shards.
+    folder : Path
+    shard : (int, int), optional
+        Only the k-th of n parts is run.
+    """
+
+    runs: Sequence[PlannedRun]
+    folder: Path
+    shard: tuple[int, int] | None = None
+
+    @property
+    def own(self) -> list[PlannedRun]:
+        """The runs of this shard."""
+        return [run for k, run in enumerate(self.runs) if in_shard(k, self.shard)]
+
+    def todo(self, force: bool) -> list[PlannedRun]:
+        """Return the runs of this shard that are not finished, or all."""
+        return [r for r in self.own if force or not r.runner.finished(self.run_folder(r))]
+
+    @property
+    def place(self) -> Path:
+        """Where the batch is: in its folder, or beside the one it is to replace there."""
+        beside = self.folder / NEXT
+        return beside if (beside / PLAN).is_file() else self.folder
+
+    def run_folder(self, run: PlannedRun) -> Path:
+        """Return the folder of a run."""
+        return self.place / RUNS / run.name
+
+    def check(self, force: bool) -> None:
+        """Refuse what can not be run, before anything is.
+
+        Raises
+        ------
+        InputError
+            For a folder that is not this batch's.
+        InputErrors
+            A line for each run that its mechanism or its folder does not allow.
+        """
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError(f"--out: {self.folder} is a file, not a folder")
+        manifest = read_manifest(self.folder)
+        if manifest is not None and manifest["command"] != "batch":
+            raise InputError(
+                f"--out: {self.folder} holds a finished {manifest['command']} run, not a batch"
+            )
+        before = _read_plan(self.place)
+        shard = _shard_text(self.shard)
+        if before is not None and before["shard"] != shard and not force:
+            raise InputError(
+                f"--out: {self.folder} holds {before['shard'] or 'all'} of a batch, this is "
+                f"{shard or 'all'} of one; another folder or --force is needed"
+            )
+        wrong: dict[str, int] = {}
+        for run in self.own:
+            try:
+                run.runner.ready()
+                line = self._of_folder(run, force)
+            except InputError as error:
+                line = f"{run.source}: {error}"
+            if line:
+                wrong[line] = wrong.get(line, 0) + 1
+        if wrong:
+            raise InputErrors([f"{line} ({n} runs)" if n > 1 else line
+                                      for line, n in wrong.items()])  # fmt: skip
+
+    def _of_folder(self, run: PlannedRun, force: bool) -> str:
+        """Return what is wrong with the folder of a run, nothing where it may be written."""
+        folder = self.run_folder(run)
+        for path in (folder.parent, folder):
+            if path.is_symlink():
+                return f"{path}: is a symbolic link, a batch writes into its own folder only"
+            if path.exists() and not path.is_dir():
+                return f"{path}: is a file, not a folder"
+        for path in folder.glob("*"):
+            if path.is_symlink() and path.is_dir():
+                return f"{path}: is a symbolic link, a batch writes into its own folder only"
+        if force:
+            return ""
+        manifest = read_manifest(folder)
+        if manifest is not None and manifest["command"] != run.runner.command:
+            return f"{folder}: holds a finished {manifest['command']} run, not {run.runner.command}"
+        changed = "; ".join(run.runner.changes(folder))
+        if not changed:
+            return ""
+        return (
+            f"{folder}: holds a run of another configuration: {changed}; "
+            "another --out or --force is needed"
+        )
+
+    def finished(self) -> bool:
+        """Return whether this very batch is finished, its last run and its summary."""
+        manifest = read_manifest(self.folder)
+        return (
+            manifest is not None
+            and self.place == self.folder  # else one was begun that replaces it
+            and (_read_plan(self.place) or {}).get("runs") == [r.to_dict() for r in self.runs]
+            and not self.todo(force=False)
+        )
+
+    def run(
+        self, pool: Pool, *, force: bool = False, threads: int | None = None, notify: Notify,
+        on_done: OnDone | None = None, tick: Callable[[list[str]], None] | None = None,
+    ) -> BatchResult:  # fmt: skip
+        """Run what is not done yet and write the summary.
+
+        Parameters
+        ----------
+        pool : Pool
+        force : bool
+            Start every run afresh.
+        threads : int, optional
+            Of each run.
+        notify : callable
+        on_done : callable, optional
+            Receives each run as it ends.
+        tick : callable, optional
+            Called some times a second with the names of the runs at work.
+
+        Raises
+        ------
+        PmoptError
+            When the folder can not be written or another process is writing it.
+        """
+        own = self.own
+        with RunFolder(self.folder, force, resume=not force, mark=PLAN) as folder:
+            with self._beacon() as key:
+                folder.open()
+                write_atomic(folder.place / PLAN, self._plan_text())
+                todo = self.todo(force)
+                if todo:
+                    folder.reopen()
+                if todo and pool.local:
+                    warm_up(_distinct_users(todo, notify), pool.local)
+                jobs = [self._job(run, force, threads, key) for run in todo]
+
+                def on_tick() -> None:
+                    if tick is not None:
+                        tick([todo[number].name for number in pool.running])
+
+                for number, outcome in pool.completed(run_job, jobs, on_tick):
+                    run = todo[number]
+                    if isinstance(outcome, PmoptError):
+                        outcome = Outcome("failed", str(outcome))
+                    self._keep(run, outcome)
+                    manifest = read_manifest(self.run_folder(run)) or {}
+                    for line in manifest.get("resume_notes", []):
+                        notify(f"{run.name}: {line}")
+                    for line in missing_lines(manifest):
+                        notify(f"warning: {run.name}: {line}")
+                    if on_done is not None:
+                        on_done(self.summary_of(run))
+            result = BatchResult(self.folder, tuple(self.summary_of(run) for run in own))
+            folder.write(SUMMARY, to_csv([result.table()]) + "\n")
+            document = {"shard": _shard_text(self.shard), "runs": result.to_dict()["runs"]}
+            folder.close("batch", document)
+        return result
+
+    def _job(self, run: PlannedRun, force: bool, threads: int | None, key: str) -> Job:
+        """Return a run as a worker gets it."""
+        path = self.run_folder(run)
+        (path / FAILURE).unlink(missing_ok=True)
+        return Job(
+            run.runner.command,
+            _plain(run),
+            os.path.abspath(run.source),
+            str(path.absolute()),
+            force and self.place == self.folder,
+            threads,
+            str((self.folder / LOCK).absolute()),
+            key,
+        )
+
+    def summary_of(self, run: PlannedRun) -> RunSummary:
+        """Return what has become of a run."""
+        found = summary_of(run.to_dict(), self.run_folder(run))
+        return replace(found, folder=self.folder / RUNS / run.name)
+
+    def plan(self, workers: int, force: bool, notify: Notify) -> BatchPlan:
+        """Measure some runs of each command and mechanism and scale them to the batch."""
+        groups: dict[tuple[str, str], list[PlannedRun]] = {}
+        for run in self.own:
+            groups.setdefault((run.runner.command, run.runner.mechanism), []).append(run)
+        rows = []
+        for (command, mechanism), runs in groups.items():
+            todo = [r for r in runs if force or not r.runner.finished(self.run_folder(r))]
+            step = max(1, len(todo) // _PROBED)
+            probes = todo[step // 2 :: step][:_PROBED]
+            times = [run.runner.plan(1, notify).seconds for run in probes]
+            seconds = sum(times) / len(times) * len(todo) if times else 0.0
+            rows.append(
+                (command, mechanism, len(runs), len(runs) - len(todo), len(probes), seconds)
+            )
+        return BatchPlan(tuple(rows), workers)
+
+    def _keep(self, run: PlannedRun, outcome: Outcome) -> None:
+        """Write what a worker sent."""
+        path = self.run_folder(run)
+        if outcome.status != "finished":
+            if outcome.status != "pending":
+                # As it was given: on another machine the file may lie elsewhere.
+                message = outcome.message.replace(os.path.abspath(run.source), run.source)
+                document = {"status": outcome.status, "message": message}
+                write_atomic(path / FAILURE, json.dumps(document) + "\n")
+            return
+        if outcome.files:
+            with RunFolder(path, force=True) as folder:
+                for name, data in outcome.files.items():
+                    if Path(name).is_absolute() or ".." in Path(name).parts:
+                        raise PmoptError(f"{path}: a worker sent a file of the name {name}")
+                    folder.write(name, data)
+                folder.close_with_manifest()
+
+    def _plan_text(self) -> str:
+        document = {
+            "schema": SCHEMA,
+            "shard": _shard_text(self.shard),
+            "runs": [run.to_dict() for run in self.runs],
+        }
+        return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+    @contextlib.contextmanager
+    def _beacon(self) -> Iterator[str]:
+        """Give the key that tells workers they are wanted, as long as its file has it."""
+        path, key = self.folder / LOCK, uuid.uuid4().hex
+        try:
+            # A link there would lead out of the folder.
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK
+            with os.fdopen(os.open(path, flags, 0o666), "w", encoding="utf-8") as stream:
+                stream.write(key)
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+        try:
+            yield key
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _plain(run: PlannedRun) -> dict[str, Any]:
+    """Return a run's configuration as its class resolves it again."""
+    return {k: v for k, v in run.runner.document().items() if k != "command"}
+
+
+def _distinct_users(runs: Sequence[PlannedRun], notify: Notify) -> list[Sweeper | Mover]:
+    """Return one of all that call the same kernels, for each set of them."""
+    found: dict[frozenset[int], Sweeper | Mover] = {}
+    for run in runs:
+        user = run.runner.ready(notify)
+        if user is not None:
+            found.setdefault(frozenset(map(id, user.kernels)), user)
+    return list(found.values())
+
+
+def _shard_text(shard: tuple[int, int] | None) -> str | None:
+    return None if shard is None else f"{shard[0]}/{shard[1]}"
+
+
+def _read_plan(folder: Path) -> dict[str, Any] | None:
+    """Return what a batch's folder is to hold, None where there is no batch."""
+    try:
+        document = read_json(folder / PLAN)
+        shard, runs = document["shard"], document["runs"]
+        if document["schema"] != SCHEMA or not all(map(_is_planned, runs)):
+            return None
+        if shard is not None:
+            parse_shard(shard)
+        return {"shard": shard, "runs": list(runs)}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError):
+        return None
+
+
+def _is_planned(run: Any) -> bool:
+    """Return whether this is a run of a plan, as :meth:`PlannedRun.to_dict` gives it."""
+    texts = [run[key] for key in ("name", "command", "mechanism", "source", "config_sha256")]
+    return (
+        all(isinstance(text, str) for text in texts)
+        and Path(run["name"]).name == run["name"] not in ("", "..")
+        and run["command"] in RUNNERS
+        and all(not isinstance(cell, list | dict) for cell in run["swept"].values())
+    )
+
+
+def merge(folders: Sequence[Path], out: Path, force: bool = False) -> BatchResult:
+    """Bring the shards of a batch together into one summary, the same as of the whole batch.
+
+    Runs of shards that are missing or were cut off are ``pending``.
+
+    Raises
+    ------
+    InputError
+        For a folder that holds no batch, or shards of different batches.
+    """
+    plans = []
+    for path in folders:
+        plan = _read_plan(path)
+        if plan is None:
+            raise InputError(f"--merge: {path} holds no batch")
+        plans.append(plan)
+        if plan["runs"] != plans[0]["runs"]:
+            raise InputError(
+                f"--merge: {path} holds a part of another batch than {folders[0]}: "
+                f"{_difference(plans[0]['runs'], plan['runs'])}"
+            )
+    if any(path.resolve() == out.resolve() for path in folders):
+        raise InputError(f"--out: {out} is one of the shards")
+    runs = []
+    for number, planned in enumerate(plans[0]["runs"]):
+        parts = [summary_of(planned, path / RUNS / planned["name"])
+                 for path, plan in zip(folders, plans, strict=True)
+                 if in_shard(number, _shard(plan["shard"]))]  # fmt: skip
+        done = [part for part in parts if part.status == "finished"] + parts
+        runs.append(done[0] if done else summary_of(planned, out / RUNS / planned["name"]))
+    result = BatchResult(out, tuple(runs))
+    with RunFolder(out, force) as folder:
+        folder.write(SUMMARY, to_csv([result.table()]) + "\n")
+        folder.close(
+            "batch", {"merged": [str(path) for path in folders], "runs": result.to_dict()["runs"]}
+        )
+    return result
+
+
+def _shard(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    k, n = text.split("/")
+    return int(k), int(n)
+
+
+def _difference(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
+    """Return the first thing in which two plans differ."""
+    if len(one) != len(other):
+        return f"{len(one)} and {len(other)} runs"
+    found = (d for a, b in zip(one, other, strict=True) for d in differences(a, b))
+    key, old, new = next(found)
+    return f"{key}: {old} -> {new}"

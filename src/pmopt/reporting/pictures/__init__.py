@@ -1,0 +1,1 @@
+"""Drawing of what is already computed."""

@@ -1,0 +1,1 @@
+"""Runs: a folder with configuration, data, pictures and manifest each."""

@@ -1,0 +1,1 @@
+"""Files, folders of runs and checkpoints: written whole or not at all."""

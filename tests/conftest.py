@@ -1,12 +1,12 @@
 """Shared settings and fixtures. PMOPT_CACHE_DIR is left as the environment has it."""
 
+import functools
 import os
 
 import pytest
 from hypothesis import settings
 
-from pmopt.compiler import program_text
-from pmopt.kernels import assembly
+from pmopt.compiler import program_text, programs
 from pmopt.mechanisms import find, names
 
 # Workers of xdist are given 80: tables would be narrower than off a terminal.
@@ -33,7 +33,8 @@ def empty_cache(monkeypatch, tmp_path):
     """Point the cache of compiled kernels at an empty folder and forget what is loaded."""
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(program_text, "_loaded", {})
-    monkeypatch.setattr(assembly, "_loaded", {})
+    made = programs.assembling.__wrapped__
+    monkeypatch.setattr(programs, "assembling", functools.cache(made))
     return tmp_path
 
 

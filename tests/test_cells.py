@@ -8,8 +8,8 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.workspace.cells import hull, label, lattice_points
 from pmopt.analysis.workspace.sweeper import Sweeper
-from pmopt.kernels.cells import hull, label, lattice_points
 from pmopt.mechanisms import find, names
 
 

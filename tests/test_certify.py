@@ -17,13 +17,14 @@ from pmopt.analysis.certification.enclosures import enclose
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace import compute as workspace
 from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.compiler import programs
 from pmopt.compiler.tracing import Graph, Untraceable, trace
 from pmopt.errors import InputError
 from pmopt.kernels import affine_forms
 from pmopt.mechanisms import find
 from pmopt.mechanisms.catalogue import cur, uu_upu
 
-CODE = affine_forms.load()
+CODE = programs.enclosing()
 getcontext().prec = 60
 
 

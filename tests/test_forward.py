@@ -20,8 +20,8 @@ from pmopt.analysis.kinematics.solve import (
 )
 from pmopt.errors import InputError, UnreachableError
 from pmopt.kernels import octics
-from pmopt.kernels.assembly import assemble_rows
 from pmopt.mechanisms import find, names
+from pmopt.mechanisms.assembling import assemble_rows
 from pmopt.mechanisms.catalogue import ups_rps_forward
 from pmopt.mechanisms.catalogue.ups_rps import MECHANISM as RPS
 from pmopt.numerics.rotation import rotation_matrices

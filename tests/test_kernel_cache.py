@@ -135,17 +135,16 @@ FOLDERS = """
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find, names
-from pmopt.kernels import cells
-from pmopt.kernels.assembly import load
+from pmopt.compiler import programs
 for name in names():
     mechanism = find(name)
-    print(name, "assembly", load(mechanism.assembler).folder.name)
+    print(name, "assembly", programs.assembling(mechanism.assembler).folder.name)
     for sampler in ("r-sequence", *(["lines"] if mechanism.line else [])):
         settings = WorkspaceSettings(
             sampler=sampler, link_diameter=0.1, cone_angle=1.0 if mechanism.cones else None)
         sweeper = Sweeper(mechanism, settings)
         print(name, sampler, *sorted(k.folder.name for k in sweeper.kernels))
-print("cells", "all", cells.kernels().folder.name)
+print("cells", "all", programs.counting().folder.name)
 """
 CATALOGUE = "mechanisms/catalogue"
 #: Kernel files, what of them is edited, and whose folders have to change.
@@ -252,7 +251,7 @@ def test_a_full_cache_costs_time_only(cache, monkeypatch, call):
 #: Compiles one small entry.
 SCRIPT = """
 import numpy as np
-from pmopt.kernels import cells
+from pmopt.analysis.workspace import cells
 print(cells.hull(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 3.0], [0.5, 0.5]])).tolist())
 """
 

@@ -21,7 +21,7 @@ import pmopt as package
 from pmopt.analysis.motion.dynamics import Mover
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.sweeper import Sweeper
-from pmopt.kernels.assembly import load
+from pmopt.compiler.programs import assembling
 from pmopt.mechanisms import find, names
 from pmopt.numerics import elementary, matrices
 
@@ -168,7 +168,7 @@ def test_kernels_call_no_library_function():
     texts = set()
     for name in names():
         mechanism = find(name)
-        texts.add(load(mechanism.assembler).text)
+        texts.add(assembling(mechanism.assembler).text)
         texts |= {
             k.text
             for k in Mover(mechanism, mechanism.resolve({}), mechanism.check_mode(None)).kernels

@@ -5,10 +5,11 @@ from cli_runner import error_line, here
 
 from pmopt import api
 from pmopt.analysis.certification import boxes
+from pmopt.analysis.kinematics.index_units import entry_units, index_note, mixes_units
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities import survey
 from pmopt.analysis.sizing import actuators
-from pmopt.analysis.workspace.compute import check_read, entry_units, index_note, mixes_units
+from pmopt.analysis.workspace.compute import check_read
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 

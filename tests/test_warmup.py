@@ -9,18 +9,18 @@ from cli_runner import COMMAND, Terminal, environment, json_answer
 
 from pmopt import api
 from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.workspace import cells
 from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.analysis.workspace.warmup import warm_up
-from pmopt.compiler import machine_code
-from pmopt.kernels import ascent, cells
+from pmopt.compiler import machine_code, programs
 from pmopt.mechanisms import find
 
 
 @pytest.fixture
 def nothing_kept(empty_cache, monkeypatch):
     """Forget the shared kernels too."""
-    for module in (ascent, cells):
-        monkeypatch.setattr(module, "kernels", module.kernels.__wrapped__)
+    for name in ("counting", "searching"):
+        monkeypatch.setattr(programs, name, getattr(programs, name).__wrapped__)
     return empty_cache
 
 
@@ -44,7 +44,7 @@ def test_a_cache_that_can_not_be_written_is_no_error(nothing_kept, monkeypatch):
     blocked.write_text("no folder")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))
     monkeypatch.setattr(machine_code, "own_root", lambda: blocked / "own")
-    cells_only = cells.kernels()
+    cells_only = programs.counting()
     machine_code.compile_ahead([(cells_only, "chain")], 2)
     assert not cells_only.is_compiled("chain")
     assert blocked.read_text() == "no folder"
@@ -52,7 +52,7 @@ def test_a_cache_that_can_not_be_written_is_no_error(nothing_kept, monkeypatch):
 
 def test_processes_that_fail_leave_it_to_the_call(nothing_kept, monkeypatch):
     monkeypatch.setattr(machine_code.sys, "executable", "/bin/false")
-    machine_code.compile_ahead([(cells.kernels(), "chain")], 2)
+    machine_code.compile_ahead([(programs.counting(), "chain")], 2)
     assert len(cells.hull(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))) == 3
 
 

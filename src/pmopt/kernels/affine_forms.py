@@ -2,7 +2,8 @@
 
 A form stands for the values ``c + a_1 e_1 + .. + a_d e_d + r e`` with all ``e`` in [-1, 1]; the
 e_k are the coordinates of a box, scaled to it, r >= 0 holds all that is not linear, and all that
-rounding may have done. The functions below are plain Python; :func:`load` compiles them.
+rounding may have done. The functions below are plain Python;
+:func:`pmopt.compiler.programs.enclosing` compiles them.
 
 Rounding. Let u = 2^-53. Every rounded sum, product, quotient or root is exact to u times its own
 size, with an absolute error of at most 2^-1074 where it underflows. Each operation adds to r:
@@ -18,14 +19,10 @@ bound: it holds as well where a product and a sum are fused. tests/test_certify.
 exact rational arithmetic.
 """
 
-import inspect
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from pmopt.compiler.machine_code import Compiled, Entry
-from pmopt.kernels import trigonometry
 from pmopt.kernels.trigonometry import sin_cos
 
 #: Boxes evaluated at once.
@@ -349,23 +346,3 @@ def shares(slacks, sizes, low, high):
                 inside = inner if inner > inside else inside
         low[i] = inside if inside > 0.0 and most > 0.0 else 0.0
         high[i] = most
-
-
-_ENTRIES = (
-    Entry("evaluate", ("int64[:,:]", "float64[:]", "int64[:]", "float64[:,:,:]", "float64[:,:]",
-                       f"float64[:,:,{LANES}]", "float64[:,:,:]")),
-    Entry("shares", ("float64[:,:,:]", "float64[:]", "float64[:]", "float64[:]")),
-)  # fmt: skip
-_NAMES = ("LANES", "EPS", "UP", "LEAST", "SINE_ERROR")
-_TRIGONOMETRY = ("TWO_OVER_PI", "HALF_PI_1", "HALF_PI_2", *(f"S{k}" for k in range(1, 7)),
-                 *(f"K{k}" for k in range(1, 7)))  # fmt: skip
-
-
-def load(on_compile: Callable[[], None] | None = None) -> Compiled:
-    """Return the compiled ``evaluate`` and ``shares``."""
-    lines = ["import math", "import numpy as np", "from numba import njit"]
-    lines += [f"{name} = {globals()[name]!r}" for name in _NAMES]
-    lines += [f"{name} = {getattr(trigonometry, name)!r}" for name in _TRIGONOMETRY]
-    for function in (sin_cos, half_space, evaluate, shares):
-        lines.append(f'@njit(error_model="numpy")\n{inspect.getsource(function)}')
-    return Compiled("\n\n".join(lines), _ENTRIES, on_compile)

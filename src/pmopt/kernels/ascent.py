@@ -1,19 +1,14 @@
-"""Steps of a search for a pose with a given position and a slack of at least 0, compiled.
+"""Steps of a search for a pose with a given position and a slack of at least 0.
 
-:func:`advance` is kernel text as in :mod:`pmopt.kernels.sweep`: it allocates nothing and never
-raises. Newton's method leads to the fibre of the poses that have the position; along it the slack,
-the least of many, is raised. Its slopes at the last poses of a search give planes, and a step leads
-to where the least of them is largest, within a distance that is trusted (Kelley 1960).
+:func:`advance` allocates nothing and never raises. Newton's method leads to the fibre of the poses
+that have the position; along it the slack, the least of many, is raised. Its slopes at the last
+poses of a search give planes, and a step leads to where the least of them is largest, within a
+distance that is trusted (Kelley 1960).
 """
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-
-from pmopt.compiler.machine_code import Compiled, Entry
-from pmopt.compiler.program_text import INLINE
 
 #: Directions along a fibre that a step moves in, and planes that are kept.
 MOST_FREE = 2
@@ -41,30 +36,6 @@ STATE = 5
 HOPE_TURNS = 5
 #: What a search is at.
 GOES_ON, REACHED, ENDED = 0, 1, 2
-
-ENTRIES = (
-    Entry("advance", (
-        "int64", "int64[:]", "float64[:,:]", "float64[:,:,:]", "float64[:,:]", "float64[:]",
-        "float64[:]", "float64[:,:]", "float64[:,:]", "float64[:,:]", "float64[:,:,:]",
-        "float64[:,:]", "int64[:]", "float64[:,:]", "float64[:,:]",
-    )),
-)  # fmt: skip
-
-
-@functools.cache
-def kernels() -> Compiled:
-    """Return the compiled functions of this module."""
-    names = (
-        "MOST_FREE", "PLANES", "DIFFERENCE", "CLOSE", "NEAR", "HALF", "LEAST_STEP", "LONGEST",
-        "BENT", "AIM", "POOR", "FIRST_STEP", "STEP", "MISSED", "PART", "FROM", "AIMED",
-        "HOPE_TURNS", "GOES_ON", "REACHED", "ENDED",
-    )  # fmt: skip
-    numbers = "".join(f"{name} = {globals()[name]!r}\n" for name in names)
-    functions = (
-        least_plane, offer, highest, newton, across, raise_slack, add_plane, advance,
-    )  # fmt: skip
-    text = "".join(f"{INLINE}\n{inspect.getsource(f)}\n\n" for f in functions)
-    return Compiled(f"import math\n\nfrom numba import njit\n\n{numbers}\n\n{text}", ENTRIES)
 
 
 def least_plane(planes, count, s0, s1):  # type: ignore[no-untyped-def]

@@ -18,17 +18,12 @@ virtual work of all inertia and gravity on them is the generalised force::
 
     Q = sum_bodies (dV_b/dX')^T F_b,   (dq_a/dX')^T effort = Q
 
-The functions are plain Python; :func:`load` compiles them with a mechanism's ``posture``.
+The functions are plain Python; :func:`pmopt.compiler.programs.moving` compiles them with a
+mechanism's ``posture``.
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
 
-import numpy as np
-
-from pmopt.compiler.machine_code import Compiled, Entry
-from pmopt.compiler.program_text import PLAIN, PREFACE, collect
 from pmopt.kernels.trigonometry import arc_tangent
 
 #: Kinds of joints, as numbers of a joint table.
@@ -770,55 +765,3 @@ def limb_of(column, limbs):
     for i in range(limbs.shape[0]):
         found = i if limbs[i, 2] <= column else found
     return found
-
-
-class Recipe(NamedTuple):
-    """What a module is made for: see :attr:`pmopt.mechanisms.mechanism.Mechanism.posture`."""
-
-    posture: Callable[..., tuple[float, ...]]
-    pose_size: int
-    constant_count: int
-    stance_size: int
-
-
-_loaded: dict[Recipe, Compiled] = {}
-
-
-def load(recipe: Recipe, on_compile: Callable[[], None] | None = None) -> Compiled:
-    """Return the compiled ``move`` of a mechanism."""
-    if recipe not in _loaded:
-        blocks: dict[str, str] = {}
-        # Not inlined: nothing is vectorised here, and it would take twice as long to compile.
-        collect(recipe.posture, blocks, (), PLAIN)
-        pose = ", ".join(f"poses[t, {k}]" for k in range(recipe.pose_size))
-        constants = ", ".join(f"constants[{k}]" for k in range(recipe.constant_count))
-        lines = [f"s = {recipe.posture.__name__}({pose}, ({constants},))"]
-        lines += [f"out[{k}] = s[{k}]" for k in range(recipe.stance_size)]
-        body = "".join(f"    {line}\n" for line in lines)
-        blocks["posture_to"] = f"{PLAIN}\ndef posture_to(poses, t, constants, out):\n{body}"
-        collect(move, blocks, (), PLAIN)
-        table, cube = "float64[:,:]", "float64[:,:,:]"
-        arguments = (
-            table, table, table, "float64[:]", "float64", "float64[:]", "int64[:,:]", "int64[:,:]",
-            "int64[:]", "int64[:]", "int64[:,:]", table, "int64",
-            table, cube, cube, table, table, cube, cube, cube, "uint8[:]",
-            table, table, cube, table, table, table, table, table, table, table, table,
-            "float64[:]", table, table, cube, table, "float64[:]",
-        )  # fmt: skip
-        _loaded[recipe] = Compiled(PREFACE + "\n\n".join(blocks.values()),
-                                   (Entry("move", arguments),))  # fmt: skip
-    found = _loaded[recipe]
-    found.on_compile = on_compile
-    return found
-
-
-def scratch(joints: int, columns: int, limbs: int, order: int) -> tuple[Any, ...]:
-    """Return the scratch arrays of :func:`move`, in order."""
-    rows = 6 * limbs + order
-    return (
-        np.empty((columns, 6)), np.empty((columns, 6)), np.zeros((columns, 2, 6)),
-        np.empty((columns + limbs, 6)), np.empty((limbs + 3, 6)), np.empty((columns, 6)),
-        np.empty((rows, rows)), np.empty((6, 6)), np.empty((rows, max(6, order))),
-        np.empty((rows, 6)), np.empty((6, rows)), np.empty(rows), np.empty((columns, order)),
-        np.empty((3, 12)), np.empty((2, order, 6)), np.empty((6, 9)), np.empty(max(6, columns)),
-    )  # fmt: skip

@@ -30,7 +30,7 @@ from pmopt.units import (
 )
 
 if TYPE_CHECKING:
-    from pmopt.kernels.assembly import Assembler
+    from pmopt.compiler.programs import Assembler
     from pmopt.mechanisms.bodies import Body
 
 Vector = NDArray[np.float64]
@@ -420,7 +420,7 @@ class Mechanism(ABC):
         Compiled or not, every sum, product and root is the same.
         """
         from pmopt.execution.threads import default_threads, ordered_map
-        from pmopt.kernels.assembly import assemble_plainly, assemble_rows
+        from pmopt.mechanisms.assembling import assemble_plainly, assemble_rows
 
         assert self.inverter is not None
         table = np.array([[pose[c.name] for c in self.pose] for pose in poses], dtype=float)
@@ -483,7 +483,7 @@ class Mechanism(ABC):
         if self.assembler is None:
             return [Assemblies(self.forward(parameters, joints)) for joints in rows]
         from pmopt.execution.threads import default_threads, ordered_map
-        from pmopt.kernels.assembly import assemble_rows
+        from pmopt.mechanisms.assembling import assemble_rows
 
         table = np.array([[joints[c.name] for c in self.joints] for joints in rows], dtype=float)
         constants = np.array(self.assembly_constants(parameters), dtype=float)

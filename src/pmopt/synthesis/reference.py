@@ -12,11 +12,11 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.workspace.cells import hull
 from pmopt.analysis.workspace.projection import area, measure_footprint, replicate
 from pmopt.analysis.workspace.sweeper import Design
 from pmopt.errors import PmoptError
 from pmopt.execution.threads import ordered_map
-from pmopt.kernels.cells import hull
 from pmopt.numerics.sequences import golden_steps, make_sequence
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.problem import DesignProblem

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.certification.budgets import Budget
 from pmopt.analysis.certification.enclosures import Enclosure, enclose
+from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.compute import entry_units, index_note
 from pmopt.analysis.workspace.emptiness import explain
 from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper
 from pmopt.errors import InputError

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.workspace.sweeper import Design
+from pmopt.compiler import programs
 from pmopt.compiler.tracing import (
     CONSTANT,
     SUB,
@@ -137,7 +138,7 @@ class Enclosure:
         self._graph = graph
         self._slacks = graph.tape(self._kept)
         self._entries = graph.tape(entries)
-        self._code = affine_forms.load(notify)
+        self._code = programs.enclosing(notify)
 
     def first(self) -> tuple[Array, Array, float]:
         """Return the boxes to begin with, (N, d) centres and halves, and a factor of volumes.

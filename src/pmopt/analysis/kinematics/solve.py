@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pmopt.analysis.workspace.compute import entry_units, index_note, mixes_units
+from pmopt.analysis.kinematics.index_units import entry_units, index_note, mixes_units
+from pmopt.compiler import programs
 from pmopt.compiler.machine_code import Compiled
 from pmopt.errors import InputError, UnreachableError
-from pmopt.kernels.assembly import load
 from pmopt.mechanisms.mechanism import (
     Coordinate,
     ForwardSolution,
@@ -385,7 +385,7 @@ class Inverting:
     def kernels(self) -> dict[Compiled, tuple[str, ...]]:
         """What is compiled for many poses, with the entries that are called."""
         found = self.mechanism.inverter
-        return {} if found is None else {load(found): ("assemble_all",)}
+        return {} if found is None else {programs.assembling(found): ("assemble_all",)}
 
     def say(self, notify: Callable[[str], None]) -> None:
         """Have a line said where it still has to be compiled."""
@@ -566,7 +566,7 @@ class Assembling:
     def kernels(self) -> dict[Compiled, tuple[str, ...]]:
         """What is compiled, with the entries that are called."""
         found = self.mechanism.assembler
-        return {} if found is None else {load(found): ("assemble_all",)}
+        return {} if found is None else {programs.assembling(found): ("assemble_all",)}
 
     def say(self, notify: Callable[[str], None]) -> None:
         """Have a line said where it still has to be compiled."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.mobility.screws import FREEDOMS
+from pmopt.compiler import programs
 from pmopt.compiler.machine_code import Compiled
 from pmopt.compiler.program_text import PLACE
 from pmopt.errors import InputError
@@ -157,8 +159,8 @@ class Mover:
             mechanism.kernel_constants(parameters, working_mode, 1.0, {}), dtype=float
         )
         self._tables()
-        self._kernel = inverse_dynamics.load(
-            inverse_dynamics.Recipe(
+        self._kernel = programs.moving(
+            programs.Moving(
                 posture, len(mechanism.pose), mechanism.constant_count, self._stance_size
             ),
             None
@@ -278,7 +280,7 @@ class Mover:
                 middles[part] if centres else np.empty((size, bodies, 9)),
                 matrix[part] if masses else np.empty((size, n, n)), inverse[part],
                 valid[part],
-                *inverse_dynamics.scratch(len(self._joints), columns, len(self._limbs), n),
+                *_scratch(len(self._joints), columns, len(self._limbs), n),
             )  # fmt: skip
             joints[part] = stance[:, PLACE : PLACE + n]
             passive[part] = stance[:, PLACE + n : PLACE + n + followed]
@@ -312,3 +314,15 @@ class Mover:
             if item.name != "valid" and len(values) == count:
                 values[~state.valid] = np.nan
         return state
+
+
+def _scratch(joints: int, columns: int, limbs: int, order: int) -> tuple[Any, ...]:
+    """Return the scratch arrays of :func:`pmopt.kernels.inverse_dynamics.move`, in order."""
+    rows = 6 * limbs + order
+    return (
+        np.empty((columns, 6)), np.empty((columns, 6)), np.zeros((columns, 2, 6)),
+        np.empty((columns + limbs, 6)), np.empty((limbs + 3, 6)), np.empty((columns, 6)),
+        np.empty((rows, rows)), np.empty((6, 6)), np.empty((rows, max(6, order))),
+        np.empty((rows, 6)), np.empty((6, rows)), np.empty(rows), np.empty((columns, order)),
+        np.empty((3, 12)), np.empty((2, order, 6)), np.empty((6, 9)), np.empty(max(6, columns)),
+    )  # fmt: skip

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.regions.surface import surface_nets
 from pmopt.analysis.workspace.aspects import determinants
+from pmopt.analysis.workspace.cells import lattice_points
 from pmopt.analysis.workspace.projection import reached_positions
 from pmopt.analysis.workspace.sweeper import Design, Sweeper
-from pmopt.kernels.cells import lattice_points
 
 Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 

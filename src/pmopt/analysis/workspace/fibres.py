@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.workspace.sweeper import Design, Sweeper
+from pmopt.compiler import programs
 from pmopt.execution.threads import ordered_map
 from pmopt.kernels import ascent
 from pmopt.mechanisms.mechanism import Vector
@@ -104,7 +105,7 @@ def _seek(
             moved[k, 1 + k] += ascent.DIFFERENCE
         slack, places = ground.sweeper.locate(design, moved.reshape(axes, -1) * scale)
         places /= sides[:, None]
-        ascent.kernels().advance(
+        programs.searching().advance(
             turn, at, slack.reshape(axes + 1, -1), places.reshape(3, axes + 1, -1), goal,
             lower, upper, poses, state, heights, slopes, before, status,
             vectors, planes,

@@ -1,10 +1,11 @@
 """The volume of the positions reached, by a sample of positions.
 
 Of each sampled position a search decides whether it is reached
-(:mod:`pmopt.analysis.workspace.fibres`). It begins at a pose that is known to be reachable and whose position is near: of the poses that a
-sample of the workspace has found, and of the positions found before, so that the search goes on
-from neighbour to neighbour where the poses are thin. What a search can miss is estimated: some of
-the positions not found are searched for again, from other poses and for longer.
+(:mod:`pmopt.analysis.workspace.fibres`). It begins at a pose that is
+known to be reachable and whose position is near: of the poses that a sample of the workspace has
+found, and of the positions found before, so that the search goes on from neighbour to neighbour
+where the poses are thin. What a search can miss is estimated: some of the positions not found are
+searched for again, from other poses and for longer.
 """
 
 from __future__ import annotations

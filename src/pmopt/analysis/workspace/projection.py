@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.workspace.cells import hull, label
 from pmopt.analysis.workspace.estimates import Estimate, from_replicates
 from pmopt.analysis.workspace.positions import measure_positions
 from pmopt.analysis.workspace.shape import Shape, Topology, confirmed, measure_shape, topology_of
 from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.execution.threads import ordered_map
-from pmopt.kernels.cells import hull, label
 from pmopt.mechanisms.mechanism import Vector
 from pmopt.numerics.elementary import power
 from pmopt.numerics.matrices import dot

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.workspace.cells import label, lattice_points
 from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.errors import InputError
 from pmopt.execution.threads import ordered_map
-from pmopt.kernels.cells import label, lattice_points
 
 #: Cells per axis by number of pose coordinates, and the most corners of cells in all.
 DEFAULT_GRIDS = {1: 4096, 2: 512, 3: 96, 4: 28, 5: 14, 6: 9}

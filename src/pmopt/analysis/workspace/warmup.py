@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.compiler import programs
 from pmopt.compiler.machine_code import compile_ahead
-from pmopt.kernels import ascent, cells
 
 if TYPE_CHECKING:  # a workspace does without
     from pmopt.analysis.kinematics.solve import Assembling, Inverting
@@ -42,7 +42,7 @@ def warm_up(
     dict
         By mechanism, the number of kernels that had to be compiled.
     """
-    shared = (cells.kernels(), ascent.kernels()) if shapes else ()
+    shared = (programs.counting(), programs.searching()) if shapes else ()
     wanted = [(compiled, entry.name) for compiled in shared for entry in compiled.entries]
     missing: dict[str, int] = {}
     for user in users:

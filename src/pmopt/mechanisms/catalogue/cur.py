@@ -30,8 +30,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.assembly import Assembler
 from pmopt.kernels.limbs import crossed
 from pmopt.kernels.octics import bernstein, nodes
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos

@@ -22,7 +22,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pmopt.kernels.assembly import Assembler
+from pmopt.compiler.programs import Assembler
 from pmopt.kernels.limbs import crossed
 from pmopt.kernels.trigonometry import arc_tangent
 from pmopt.mechanisms.bodies import Body, plate, tube

@@ -20,8 +20,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.assembly import Assembler
 from pmopt.kernels.limbs import unit_vector, ups_joints
 from pmopt.kernels.strokes import part_within_stroke
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos

@@ -22,8 +22,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.assembly import Assembler
 from pmopt.kernels.limbs import ups_joints
 from pmopt.kernels.octics import bernstein, nodes
 from pmopt.kernels.strokes import part_within_stroke

@@ -41,8 +41,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.compiler.programs import Assembler
 from pmopt.errors import UnreachableError, unknown_name
-from pmopt.kernels.assembly import Assembler
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos
 from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.mechanisms.catalogue.uu_upu_forward import uu_assemble

@@ -113,7 +113,7 @@ def test_example_of_the_help_runs(examples, name):
 
 def test_examples_write_what_they_say(examples):
     folder, _ = examples
-    assert (folder / "my-motion.toml").is_file()
+    assert (folder / "my-design.toml").is_file()
     assert (folder / "outputs/quickstart/front.csv").is_file()
     assert files_in(folder / "pictures") == ["front.png", "history.png"]
     for name in files_in(folder / "pictures"):
@@ -796,7 +796,7 @@ BAD = [
     ("pareto good.toml --resume", ("--resume", "--out")),
     ("pareto good.toml --resume --force --out run", ("--resume", "--force")),
     ("plot no", ("no", "no such folder", "finished run")),
-    ("init no-such", ("KIND or MECH", "'no-such'", MECH)),
+    ("init no-such", ("kind or mechanism", "'no-such'", MECH)),
     ("init --out good.toml", ("--out", "good.toml", "--force")),
     ("completion tcsh", ("'tcsh'", "bash", "zsh", "fish")),
 ]

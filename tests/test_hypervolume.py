@@ -22,8 +22,9 @@ CONFIG = {
     "algorithm": {"population": 8, "generations": 8, "reference": {"footprint": 20.0}},
     "final": {"target_error": 1e-3},
 }
-#: By seed, of front.csv's designs by inclusion and exclusion, m^5.
-KNOWN = {1: 67.0, 2: 68.4}
+#: By seed, of front.csv's designs by inclusion and exclusion, m^5; the search is the same
+#: bit for bit on every processor.
+KNOWN = {1: 69.13, 2: 66.05}
 
 
 def changed(**tables):
@@ -47,7 +48,7 @@ def test_runs_of_other_seeds_are_measured_alike(seed, tmp_path):
     run = api.pareto(changed(algorithm={"seed": seed}), tmp_path / "run")
     manifest = json.loads((tmp_path / "run/manifest.json").read_text())
     assert manifest["result"]["reference_point"] == {"volume": 0.0, "gci": 0.0, "footprint": 20.0}
-    assert run.front.hypervolume == pytest.approx(KNOWN[seed], abs=0.1)
+    assert run.front.hypervolume == pytest.approx(KNOWN[seed], abs=0.01)
     front = run.tables["front"][["volume", "gci", "footprint"]].to_numpy()
     exact = union(front, (0, 0, 20), (1, 1, -1))
     assert run.front.hypervolume == pytest.approx(exact, rel=1e-12)

@@ -8,7 +8,7 @@ from importlib.metadata import entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 
 import pytest
-from cli_runner import CONFIGS, environment, pmopt
+from support.cli_runner import CONFIGS, environment, pmopt
 
 import pmopt as package
 

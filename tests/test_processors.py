@@ -10,12 +10,12 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
-import processors
 import pytest
-from cli_runner import environment, error_line, pmopt
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy._core._multiarray_umath import __cpu_dispatch__
+from support import processors
+from support.cli_runner import environment, error_line, pmopt
 
 import pmopt as package
 from pmopt.analysis.motion.dynamics import Mover

@@ -37,16 +37,22 @@ MEASURED = (
     Elsewhere("docs/certificates.md", "## Figures", "the times: pmopt workspace MECH --certify"),
     Elsewhere("docs/dynamics.md", "## Inverse dynamics", "benchmarks/dynamics.py"),
     Elsewhere(SCALING, "## What it costs, and where it ends", "benchmarks/cluster.py"),
-    Elsewhere(RELIABILITY, "## No run is lost", "tests/campaign.py"),
-    Elsewhere(RELIABILITY, "## Bad input is one line", "tests/campaign.py"),
+    Elsewhere(RELIABILITY, "## No run is lost", "tests/support/campaign.py"),
+    Elsewhere(RELIABILITY, "## Bad input is one line", "tests/support/campaign.py"),
 )
 #: Studies of many designs, seeds or poses, repeated in the small by tests.
 STUDIES = (
-    Elsewhere("docs/method.md", "## Poses of mixed freedom", "tests/test_positions.py"),
-    Elsewhere("docs/method.md", "## Inverse and forward kinematics", "tests/test_forward.py"),
-    Elsewhere("docs/method.md", "## Speed", "tests/test_kernel_functions.py"),
-    Elsewhere("docs/mechanisms/3-cur.md", "## Equations", "tests/test_cur.py"),
-    Elsewhere("docs/certificates.md", "## Figures", "tests/test_certify.py"),
+    Elsewhere(
+        "docs/method.md", "## Poses of mixed freedom", "tests/analysis/workspace/test_positions.py"
+    ),
+    Elsewhere(
+        "docs/method.md",
+        "## Inverse and forward kinematics",
+        "tests/analysis/kinematics/test_forward.py",
+    ),
+    Elsewhere("docs/method.md", "## Speed", "tests/kernels/test_kernel_functions.py"),
+    Elsewhere("docs/mechanisms/3-cur.md", "## Equations", "tests/mechanisms/catalogue/test_cur.py"),
+    Elsewhere("docs/certificates.md", "## Figures", "tests/analysis/certification/test_certify.py"),
 )
 
 

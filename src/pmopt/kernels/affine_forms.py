@@ -15,8 +15,8 @@ size, with an absolute error of at most 2^-1074 where it underflows. Each operat
 EPS is 2u and such terms are doubled once more, which leaves room for their own rounding; UP
 (1 + 32 u) on every r is more than the rounding of the at most 20 sums and products of terms >= 0
 that make it; LEAST covers underflow. None of this asks for more than each operation's own error
-bound: it holds as well where a product and a sum are fused. tests/test_certify.py checks it against
-exact rational arithmetic.
+bound: it holds as well where a product and a sum are fused. test_certify.py checks it against exact
+rational arithmetic.
 """
 
 import math

@@ -9,13 +9,12 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-import pmopt.mechanisms as package
 from pmopt.errors import InputError, PmoptError, unknown_name
 from pmopt.inputs.identify import describe
+from pmopt.mechanisms import catalogue
 from pmopt.mechanisms.mechanism import Mechanism
 
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
-_NOT_MECHANISMS = {"base", "bodies", "registry"}
 #: Ends the names of modules that hold a mechanism's forward kinematics.
 _PART = "_forward"
 
@@ -41,9 +40,9 @@ def collect(mechanisms: list[Mechanism]) -> dict[str, Mechanism]:
 @cache
 def _registry() -> dict[str, Mechanism]:
     found: list[Mechanism] = []
-    for info in pkgutil.iter_modules(package.__path__):
-        if info.name not in _NOT_MECHANISMS and not info.name.endswith(_PART):
-            found.append(importlib.import_module(f"{package.__name__}.{info.name}").MECHANISM)
+    for info in pkgutil.iter_modules(catalogue.__path__):
+        if not info.name.endswith(_PART):
+            found.append(importlib.import_module(f"{catalogue.__name__}.{info.name}").MECHANISM)
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         try:
             mechanism = entry.load()

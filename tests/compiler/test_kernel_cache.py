@@ -266,10 +266,10 @@ def begin(cache):
 
 @pytest.mark.slow
 def test_a_full_disk_under_the_cache(tmp_path):
-    """A process whose cache holds 8 kB gives the same numbers."""
+    """A process whose cache holds 4 kB gives the same numbers."""
     folder = tmp_path / "cache"
     folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=8k", "tmpfs", str(folder)]
+    command = ["mount", "-t", "tmpfs", "-o", "size=4k", "tmpfs", str(folder)]
     try:
         if subprocess.run(command, capture_output=True).returncode:
             pytest.skip("mounting is not allowed here")

@@ -24,9 +24,9 @@ PHASES = {
     "compiling a workspace": (("workspace", "2uu-upu"), False, 2.0),
     "compiling without shape": (("workspace", "2uu-upu", "--shape-grid", "0"), False, 1.5),
     "compiling a search": (("pareto", "test.toml", "--out", "run"), False, 2.0),
-    "sampling": (("workspace", "2uu-upu", "--samples", "1e10", "--out", "run"), True, 1.5),
+    "sampling": (("workspace", "2uu-upu", "--samples", "1e10", "--out", "run"), True, 3.0),
     "sampling an aspect": (
-        ("workspace", "3-cur", "--aspect", "home", "--samples", "1e8", "--out", "run"), True, 1.5,
+        ("workspace", "3-cur", "--aspect", "home", "--samples", "1e8", "--out", "run"), True, 3.0,
     ),
     "shape": (("workspace", "2uu-upu", "--samples", "1e5", "--shape-grid", "250"), True, 2.0),
     "measuring the front": (("pareto", "test.toml", "--out", "run"), True, 3.0),

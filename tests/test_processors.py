@@ -108,8 +108,8 @@ COMPUTING = [
 #: Motions, engines, mobility and recordings agree to rounding; derivatives are theirs. Regions are
 #: what pictures show.
 ELSEWHERE = (
-    "analysis/mobility/*", "analysis/multibody/*", "analysis/regions/*", "analysis/motion/compute.py",
-    "analysis/motion/config.py", "analysis/motion/recordings.py",
+    "analysis/mobility/*", "analysis/multibody/*", "analysis/regions/*",
+    "analysis/motion/compute.py", "analysis/motion/config.py", "analysis/motion/recordings.py",
     "analysis/motion/trajectories.py", "analysis/motion/waypoint_laws.py",
     "analysis/singularities/touching.py", "numerics/derivatives.py",
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""pymoo drives the search: its generations, what is ours in it, what is told to it."""
+"""pymoo drives the search: its generations, what is ours in it, what it is given."""
 
 import re
 
@@ -13,6 +13,7 @@ from pymoo.algorithms.soo.nonconvex.de import DE
 from pymoo.core.evaluator import Evaluator
 from pymoo.core.population import Population
 from pymoo.core.problem import Problem
+from pymoo.functions import FunctionLoader
 from pymoo.operators.crossover.sbx import SBX, cross_sbx
 from pymoo.operators.mutation.pm import PM, mut_pm
 from pymoo.problems.static import StaticProblem
@@ -164,7 +165,7 @@ def test_designs_that_differ_in_a_bit_are_two(size):
     assert (SameBits().do(kept, others).get("X") == np.array([designs[k] for k in (0, 3)])).all()
 
 
-# --- what is told -------------------------------------------------------------------------
+# --- what it is given ---------------------------------------------------------------------
 
 
 def test_recorded_designs_are_taken_as_they_are():
@@ -210,6 +211,15 @@ def test_designs_measured_again_are_ranked_anew():
     beaten = (turned[rows][:, None] < turned[rows][None]).all(axis=2).any(axis=0)
     assert (beaten == (found.get("rank").astype(int) > 0)).all()
     assert len(search.ask()) == 20
+
+
+def test_nothing_is_printed(monkeypatch, capfd):
+    """Results are on stdout; pymoo says there where it was installed without its compiled parts."""
+    monkeypatch.setattr("pymoo.functions.is_compiled", lambda: False)
+    monkeypatch.setattr(FunctionLoader, "_FunctionLoader__instance", None)
+    searched(ours(12), 2)
+    assert FunctionLoader.get_instance().is_compiled is False
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.config import Config
 from pymoo.core.algorithm import Algorithm
 from pymoo.core.duplicate import DuplicateElimination
 from pymoo.core.population import Population
@@ -34,6 +35,9 @@ from pymoo.operators.survival.rank_and_crowding.metrics import (
 from pmopt.synthesis.config import AlgorithmSettings
 from pmopt.synthesis.operators import PolynomialMutation, SimulatedBinaryCrossover
 
+#: pymoo would print among results that its compiled functions are missing: none of them is used.
+Config.warnings["not_compiled"] = False
+
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
@@ -41,7 +45,7 @@ Rows = NDArray[np.int64]
 class Search:
     """A pymoo algorithm between generations.
 
-    Designs that are told need not be those that were asked for: a record is the truth.
+    Designs that it is given need not be those that it asked for: a record is the truth.
 
     Parameters
     ----------
@@ -103,6 +107,8 @@ class Search:
 
     def replace(self, variables: Array, objectives: Array, excess: Array) -> Rows:
         """Select the population anew from designs that were measured again.
+
+        For algorithms that select by a survival, as all of pymoo's genetic ones do.
 
         Returns
         -------

@@ -105,10 +105,9 @@ COMPUTING = [
     for room in ("kernels", "numerics", "compiler", "mechanisms", "synthesis", "analysis")
     for path in SOURCE.glob(f"{room}/**/*.py")
 ]
-#: Motions, engines, mobility and recordings agree to rounding; derivatives are theirs. Regions are
-#: what pictures show.
+#: Motions, engines, mobility and recordings agree to rounding; derivatives are theirs.
 ELSEWHERE = (
-    "analysis/mobility/*", "analysis/multibody/*", "analysis/regions/*",
+    "analysis/mobility/*", "analysis/multibody/*",
     "analysis/motion/compute.py", "analysis/motion/config.py", "analysis/motion/recordings.py",
     "analysis/motion/trajectories.py", "analysis/motion/waypoint_laws.py",
     "analysis/singularities/touching.py", "numerics/derivatives.py",
@@ -119,10 +118,11 @@ LIBRARY = re.compile(
 )
 #: Whole numbers come of these, or what decides nothing.
 ALLOWED = {
-    "analysis/workspace/cells.py": {"@"},  # of whole numbers
     "kernels/octics.py": {"math.cos"},  # nodes, rounded to 10 bits
     "numerics/elementary.py": {"math.log"},  # raises as that does
     "analysis/certification/boxes.py": {"math.log"},  # of 2
+    "analysis/regions/sections.py": {"math.log10"},  # rounded down
+    "analysis/workspace/cells.py": {"@"},  # of whole numbers
     "analysis/workspace/compute.py": {"math.log2"},  # of a whole number, rounded up
 }
 

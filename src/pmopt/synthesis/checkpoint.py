@@ -1,9 +1,9 @@
 """What a search has evaluated, on disk after every generation.
 
-Telling NSGA-II the recorded results again restores a run (:mod:`pmopt.synthesis.optimise`): those
-of each generation, and of the designs measured again after it where there were any. The states of
-the generator are recorded too, so that a run goes on from its record also where another processor
-or version would have asked for other designs. Each generation is one file of
+Giving an algorithm the recorded results again restores a run (:mod:`pmopt.synthesis.optimise`):
+those of each generation, and of the designs measured again after it where there were any. The
+states of the generator are recorded too, so that a run goes on from its record also where another
+processor or version would have asked for other designs. Each generation is one file of
 :mod:`pmopt.storage.checkpoint`.
 """
 

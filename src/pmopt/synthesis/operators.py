@@ -1,15 +1,20 @@
 """Simulated binary crossover and polynomial mutation, the same bits on every processor.
 
-They are pymoo's ``cross_sbx`` and ``mut_pm`` (Deb and Agrawal 1995, Deb and Goyal 1996): the same
-formulas, and the same numbers drawn in the same order. Those take powers by NumPy, whose last bits
-depend on the processor's vector instructions; one such bit in one child is another search some
-generations later. Here powers are :func:`pmopt.numerics.elementary.power_of`.
+They are pymoo's ``SBX`` and ``PM`` (Deb and Agrawal 1995, Deb and Goyal 1996) but for their
+arithmetic: the same formulas, and the same numbers drawn in the same order. Those take powers by
+NumPy, whose last bits depend on the processor's vector instructions; one such bit in one child is
+another search some generations later. Here powers are :func:`pmopt.numerics.elementary.power_of`.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+from pymoo.core.problem import Problem
+from pymoo.operators.crossover.sbx import SBX
+from pymoo.operators.mutation.pm import PM
 
 from pmopt.numerics.elementary import power_of
 
@@ -17,6 +22,34 @@ Array = NDArray[np.float64]
 
 #: Parents nearer than this in a variable do not exchange it.
 _CLOSE = 1e-14
+
+
+class SimulatedBinaryCrossover(SBX):
+    """pymoo's, with :func:`crossed`; all settings are those of all matings."""
+
+    def _do(
+        self, problem: Problem, parents: Array, *_: Any, random_state: np.random.Generator,
+        **__: Any,
+    ) -> Array:  # fmt: skip
+        # pymoo draws here which matings may exchange variables: all.
+        random_state.random((parents.shape[1], 1))
+        return crossed(
+            parents, problem.xl, problem.xu, self.eta.value, self.prob_var.value,
+            self.prob_bin.value, random_state,
+        )  # fmt: skip
+
+
+class PolynomialMutation(PM):
+    """pymoo's, with :func:`mutated`; all settings are those of all designs."""
+
+    def _do(
+        self, problem: Problem, designs: Array, *_: Any, random_state: np.random.Generator,
+        **__: Any,
+    ) -> Array:  # fmt: skip
+        return mutated(
+            designs, problem.xl, problem.xu, self.eta.value, self.get_prob_var(problem),
+            random_state,
+        )  # fmt: skip
 
 
 def crossed(

@@ -1,4 +1,4 @@
-"""NSGA-II on a design problem, generation by generation."""
+"""A search on a design problem, generation by generation."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ import heapq
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.errors import InfeasibleError
 from pmopt.seeds import seed_sequence
-from pmopt.synthesis.nsga2 import Nsga2
 from pmopt.synthesis.problem import MIN_LCI, REACHABLE, DesignProblem, Evaluations
 from pmopt.synthesis.reference import reference_point
 from pmopt.units import ONE
+
+if TYPE_CHECKING:
+    from pmopt.synthesis.search import Search
 
 #: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
 #: generations and at least some, by less than this share of the designs' standard error: on common
@@ -161,7 +163,7 @@ _NONE = 0.0
 
 
 class Optimisation:
-    """A run of NSGA-II (Deb et al. 2002; :mod:`pmopt.synthesis.nsga2`).
+    """A run of the configured algorithm (:mod:`pmopt.synthesis.search`).
 
     The designs of a generation follow from the seed and from what earlier generations were
     told, so that telling recorded results again restores the run exactly. What is recorded stays as
@@ -197,8 +199,7 @@ class Optimisation:
             Receives a line where recorded designs are not those that this installation asks for.
         """
         problem, settings = self.problem, self.problem.config.algorithm
-        seed = int(seed_sequence(settings.seed, "nsga2").generate_state(1)[0])
-        algorithm = Nsga2(settings, problem.lower, problem.upper, seed)
+        algorithm = self._algorithm()
         known = iter(recorded or [])
         evaluations = feasible = 0
         samples = problem.first_samples
@@ -257,6 +258,20 @@ class Optimisation:
                 had, record, told is not None,
             )  # fmt: skip
 
+    def _algorithm(self) -> Search:
+        """Return what asks for designs, at its start."""
+        from pymoo.core.problem import Problem
+
+        from pmopt.synthesis.search import ALGORITHMS, Search
+
+        problem, settings = self.problem, self.problem.config.algorithm
+        space = Problem(
+            n_var=len(problem.lower), n_obj=len(problem.objectives),
+            n_ieq_constr=len(problem.constraints), xl=problem.lower, xu=problem.upper,
+        )  # fmt: skip
+        seed = int(seed_sequence(settings.seed, settings.name).generate_state(1)[0])
+        return Search(ALGORITHMS[settings.name](settings), space, seed)
+
     def _measured(
         self, variables: NDArray[np.float64], samples: int | None, told: Evaluations | None
     ) -> Evaluations:
@@ -301,7 +316,7 @@ class Optimisation:
         return np.concatenate([population.variables, others.variables[chosen]])
 
     def _minimised(self, evaluated: Evaluations) -> NDArray[np.float64]:
-        """Return what NSGA-II minimises.
+        """Return what the algorithm minimises.
 
         Without a workspace there is no GCI; the constraint keeps such designs behind all feasible
         ones whatever stands here.

@@ -40,18 +40,16 @@ from support.killing import kill_and_resume
 import pmopt as package
 from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.errors import InfeasibleError, InputError
-from pmopt.numerics.elementary import power_of
 from pmopt.reporting.runs.pareto_run import finished as pareto_finished
 from pmopt.reporting.runs.pareto_run import run_pareto
 from pmopt.storage.installation import versions
 from pmopt.synthesis import optimise
 from pmopt.synthesis.checkpoint import Checkpoint
-from pmopt.synthesis.config import AlgorithmSettings, resolve_config
+from pmopt.synthesis.config import resolve_config
 from pmopt.synthesis.front import idle_directions
-from pmopt.synthesis.nsga2 import Nsga2, crowding_distance
-from pmopt.synthesis.operators import crossed, mutated
 from pmopt.synthesis.optimise import Optimisation, hypervolume, spread
 from pmopt.synthesis.problem import DesignProblem
+from pmopt.synthesis.search import Search
 
 MECH = "2pauu-ppap"
 POPULATION, GENERATIONS, LONG = 20, 6, 60
@@ -703,14 +701,14 @@ def test_all_that_is_compared_has_the_same_samples(monkeypatch, eager):
     problem = DesignProblem(config_of(**ADAPTIVE))
     told = []
     for name in ("tell", "replace"):
-        method = getattr(Nsga2, name)
+        method = getattr(Search, name)
 
         def spy(self, *given, method=method):
             rows = method(self, *given)
-            told.append((self.variables, self.objectives))
+            told.append(self.algorithm.pop.get("X", "F"))
             return rows
 
-        monkeypatch.setattr(Nsga2, name, spy)
+        monkeypatch.setattr(Search, name, spy)
     current = problem.first_samples
     for generation in Optimisation(problem).generations():
         assert generation.samples == current
@@ -832,86 +830,6 @@ def test_spread_drops_the_smallest_share_first(points, count):
         left = max(rest, key=lambda rows: naive_hypervolume(np.array(rows)))
     assert len(kept) == min(len(front), count)
     assert set(map(tuple, kept)) == set(left)
-
-
-# --- NSGA-II is pymoo's -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [4, 21, 40])
-@pytest.mark.parametrize("objectives", [2, 3])
-@pytest.mark.parametrize("ties", [False, True])
-def test_generations_are_those_of_pymoo(size, objectives, ties, monkeypatch):
-    """Design for design: initial sample, tournaments, crossover, mutation, duplicates, survival.
-
-    pymoo with our powers and stable sorts, where NumPy's depend on the processor.
-    """
-    from pymoo.algorithms.moo.nsga2 import NSGA2
-    from pymoo.core.evaluator import Evaluator
-    from pymoo.core.problem import Problem
-    from pymoo.operators.crossover.sbx import SBX
-    from pymoo.operators.mutation.pm import PM
-    from pymoo.operators.sampling.rnd import FloatRandomSampling
-    from pymoo.problems.static import StaticProblem
-
-    lower, upper = np.zeros(3), np.array([1.0, 1.0, 2.0])
-    stated = Problem(n_var=3, n_obj=objectives, n_ieq_constr=2, xl=lower, xu=upper)
-    theirs = NSGA2(
-        pop_size=size, sampling=FloatRandomSampling(), crossover=SBX(eta=15.0, prob=0.8),
-        mutation=PM(eta=25.0),
-    )  # fmt: skip
-    theirs.setup(stated, termination=("n_gen", 15), seed=size)
-    sort = np.argsort
-    monkeypatch.setattr(np, "argsort", lambda a, **more: sort(a, **more | {"kind": "stable"}))
-    monkeypatch.setattr(np, "power", lambda x, n: power_of(x, n.flat[0]) if len(n) else x)
-    settings = AlgorithmSettings(
-        population=size, crossover_eta=15.0, crossover_probability=0.8, mutation_eta=25.0
-    )
-    ours = Nsga2(settings, lower, upper, size)
-    for _ in range(15):
-        asked, variables = theirs.ask(), ours.ask()
-        assert (asked.get("X") == variables).all()
-        x, y, z = variables.T
-        values = np.stack([x + 0.3 * y**2, (1 - x) ** 2 + 0.2 * z, y - x * z], axis=1)
-        values = values[:, :objectives]
-        excess = np.stack([0.3 - x * y, z - 0.8], axis=1)
-        if ties:
-            values, excess = np.round(values, 1), np.where(excess > 0, 1.0, excess)
-        Evaluator().eval(StaticProblem(stated, F=values, G=excess), asked)
-        theirs.tell(infills=asked)
-        rows = ours.tell(variables, values, excess)
-        assert len(rows) == len(ours.variables)
-        for name, kept in (("X", ours.variables), ("F", ours.objectives)):
-            assert (theirs.pop.get(name) == kept).all()
-
-
-def test_operators_are_those_of_pymoo_to_rounding():
-    from pymoo.operators.crossover.sbx import cross_sbx
-    from pymoo.operators.mutation.pm import mut_pm
-
-    lower, upper = np.array([0.0, -1.0, 2.0, 1.0]), np.array([1.0, 3.0, 2.0, 1e3])
-    parents = lower + (upper - lower) * np.random.default_rng(1).random((2, 500, 4))
-    for eta in (0.5, 15.0, 20.0, 300.0):
-        full = np.full((500, 1), eta)
-        theirs = cross_sbx(
-            parents, lower, upper, full, np.full_like(full, 0.5), np.full_like(full, 0.4),
-            random_state=np.random.default_rng(2),
-        )  # fmt: skip
-        ours = crossed(parents, lower, upper, eta, 0.5, 0.4, np.random.default_rng(2))
-        assert (ours != parents).any()
-        np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)
-        theirs = mut_pm(parents[0], lower, upper, full[:, 0], np.full(500, 0.3),
-                        at_least_once=False, random_state=np.random.default_rng(3))  # fmt: skip
-        ours = mutated(parents[0], lower, upper, eta, 0.3, np.random.default_rng(3))
-        assert (ours != parents[0]).any()
-        np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-14)
-
-
-@given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), min_size=1, max_size=30))
-def test_crowding_distance_is_that_of_pymoo(points):
-    from pymoo.operators.survival.rank_and_crowding.metrics import get_crowding_function
-
-    values = np.array(points, dtype=float)
-    assert (crowding_distance(values) == get_crowding_function("cd").do(values)).all()
 
 
 # --- which folder -------------------------------------------------------------------------

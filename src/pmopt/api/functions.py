@@ -1,22 +1,30 @@
-"""The public Python interface: mechanisms by name, keywords instead of settings objects."""
+"""The public functions: a mechanism by name, keywords instead of settings objects."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
-from pmopt.analysis.kinematics.solve import (
-    ForwardResult,
-    InverseResult,
-    JacobianResult,
-    forward_kinematics,
-    inverse_kinematics,
-    jacobian_at,
+from pmopt.analysis.kinematics.solve import ForwardResult, InverseResult, JacobianResult
+from pmopt.api.design import Design, MechanismHandle
+from pmopt.api.keywords import (
+    BatchOptions,
+    CapabilityOptions,
+    CertifyOptions,
+    CertifyVolumeOptions,
+    JacobianOptions,
+    MobilityOptions,
+    Params,
+    ParetoOptions,
+    Ranges,
+    RunOptions,
+    SingularityOptions,
+    Values,
+    WorkspaceOptions,
+    named,
 )
-from pmopt.analysis.validation import validated
-from pmopt.errors import unknown_name
-from pmopt.mechanisms import Mechanism, find, names
+from pmopt.mechanisms import find, names
 
 if TYPE_CHECKING:
     from pmopt.analysis.certification.boxes import CertifiedVolume, Claim
@@ -30,7 +38,8 @@ if TYPE_CHECKING:
     from pmopt.reporting.runs.pareto_run import ParetoRun
     from pmopt.reporting.runs.simulate_run import SimulationRun
 
-Params = Mapping[str, Any]
+#: A configuration as in its TOML file, or the file.
+Config = Mapping[str, object] | str | Path
 
 
 def mechanism_names() -> list[str]:
@@ -38,17 +47,24 @@ def mechanism_names() -> list[str]:
     return names()
 
 
-def mechanism(name: str) -> Mechanism:
-    """Return a mechanism by name, ignoring case, spaces and dashes."""
-    return find(name)
+def mechanism(name: str) -> MechanismHandle:
+    """Return a mechanism by name, ignoring case, spaces and dashes.
+
+    Raises
+    ------
+    pmopt.InputError
+        For an unknown name, with the nearest one.
+    """
+    return MechanismHandle(find(name))
 
 
+@named
 def ik(
     mechanism: str,
-    pose: Params,
+    pose: Values,
     params: Params | None = None,
     working_mode: str = "all",
-    limits: Params | None = None,
+    limits: Ranges | None = None,
 ) -> InverseResult:
     """Solve the inverse kinematics at a pose.
 
@@ -66,15 +82,16 @@ def ik(
 
     Raises
     ------
-    pmopt.errors.UnreachableError
+    pmopt.UnreachableError
         Where the limbs cannot be closed, naming the limb and by how much the pose is out of its
         reach. What only exceeds limits or strokes is listed, see ``within_limits`` and ``beyond``.
     """
-    return inverse_kinematics(find(mechanism), params, pose, working_mode, limits)
+    return Design.of(mechanism, params).ik(pose, working_mode, limits)
 
 
+@named
 def fk(
-    mechanism: str, joints: Params, params: Params | None = None, near: Params | None = None
+    mechanism: str, joints: Values, params: Params | None = None, near: Values | None = None
 ) -> ForwardResult:
     """Solve the forward kinematics: all assembly modes, or the one nearest to a pose.
 
@@ -82,18 +99,19 @@ def fk(
 
     Raises
     ------
-    pmopt.errors.UnreachableError
+    pmopt.UnreachableError
         Where the mechanism can not be assembled with these joint positions.
     """
-    return forward_kinematics(find(mechanism), params, joints, near=near)
+    return Design.of(mechanism, params).fk(joints, near)
 
 
+@named
 def jacobian(
     mechanism: str,
-    pose: Params,
+    pose: Values,
     params: Params | None = None,
     working_mode: str | None = None,
-    **options: Any,
+    **options: Unpack[JacobianOptions],
 ) -> JacobianResult:
     """Compute the Jacobian and its conditioning at a pose.
 
@@ -102,13 +120,16 @@ def jacobian(
     mechanism, pose, params, working_mode
         See :func:`ik`.
     **options
-        ``kind``, ``characteristic_length``, ``norm`` and ``limits`` of
+        ``kind``, ``characteristic_length``, ``norm``, ``limits``: see
         :func:`pmopt.analysis.kinematics.solve.jacobian_at`.
     """
-    return jacobian_at(find(mechanism), params, pose, working_mode, **options)
+    return Design.of(mechanism, params).jacobian(pose, working_mode, **options)
 
 
-def mobility(mechanism: str, params: Params | None = None, **options: Any) -> MobilityResult:
+@named
+def mobility(
+    mechanism: str, params: Params | None = None, **options: Unpack[MobilityOptions]
+) -> MobilityResult:
     """Analyse the mobility from the declared joints.
 
     Parameters
@@ -117,23 +138,15 @@ def mobility(mechanism: str, params: Params | None = None, **options: Any) -> Mo
     params : mapping, optional
         Design parameters; those left out take their defaults.
     **options
-        ``layout``, ``pose``, ``working_mode``, ``samples`` and ``seed`` of
+        ``layout``, ``pose``, ``working_mode``, ``samples``, ``seed``: see
         :func:`pmopt.analysis.mobility.freedom.mobility_of`.
     """
-    from pmopt.analysis.mobility.freedom import mobility_of
-
-    return mobility_of(find(mechanism), params, **options)
+    return Design.of(mechanism, params).mobility(**options)
 
 
+@named
 def workspace(
-    mechanism: str,
-    params: Params | None = None,
-    *,
-    seed: int = 1,
-    threads: int | None = None,
-    shape_grid: int | None = None,
-    scheduler: str | None = None,
-    **settings: Any,
+    mechanism: str, params: Params | None = None, **options: Unpack[WorkspaceOptions]
 ) -> WorkspaceResult:
     """Sample the workspace of one design.
 
@@ -142,46 +155,23 @@ def workspace(
     mechanism : str
     params : mapping, optional
         Design parameters; those left out take their defaults.
-    seed : int
-    threads : int, optional
-        The result is the same for any number.
-    shape_grid : int, optional
-        Cells per axis on which pieces and voids are counted; 0 leaves the shape out.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers sample; the result is the same.
-    **settings
-        Fields of :class:`pmopt.analysis.settings.WorkspaceSettings`: ``samples``, ``sampler``,
-        ``grid``, ``target_error``, ``working_mode``, ``norm``, ``jacobian``, ``domain``, ..
+    **options
+        ``samples``, ``sampler``, ``grid``, ``target_error``, ``working_mode``, ``norm``,
+        ``jacobian``, ``domain``, ``limits``, .. of
+        :class:`pmopt.analysis.settings.WorkspaceSettings`; ``seed``, ``threads``, ``shape_grid``
+        and ``scheduler``, see :class:`pmopt.api.keywords.WorkspaceOptions`.
 
     Raises
     ------
-    pmopt.errors.InfeasibleError
+    pmopt.InfeasibleError
         When nothing is reachable, with what rules it out.
     """
-    from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.workspace.compute import compute_workspace
-    from pmopt.analysis.workspace.emptiness import require_reachable
-    from pmopt.execution.cluster import connect
-
-    found = find(mechanism)
-    checked = validated(WorkspaceSettings, settings, "workspace", found.units)
-    with connect(scheduler) as cluster:
-        result = compute_workspace(
-            found, params, checked, seed=seed, threads=threads, shape_grid=shape_grid,
-            cluster=cluster,
-        )  # fmt: skip
-    require_reachable(result.reachable, found, result.params, checked, "workspace", result.samples)
-    return result
+    return Design.of(mechanism, params).workspace(**options)
 
 
+@named
 def certify_volume(
-    mechanism: str,
-    params: Params | None = None,
-    *,
-    gap: float = 1e-2,
-    time_budget: float | None = None,
-    box_budget: int | None = None,
-    **settings: Any,
+    mechanism: str, params: Params | None = None, **options: Unpack[CertifyVolumeOptions]
 ) -> CertifiedVolume:
     """Enclose the volume of one design's workspace between guaranteed bounds.
 
@@ -189,36 +179,19 @@ def certify_volume(
     ----------
     mechanism, params
         See :func:`workspace`.
-    gap : float
-        Relative gap between the bounds that is asked for.
-    time_budget : float, optional
-        Seconds of work after which the bounds so far are returned; compilation does not count.
-    box_budget : int, optional
-        Boxes examined after which they are: the same on every machine.
-    **settings
-        ``working_mode``, ``domain`` and ``limits`` of
-        :class:`pmopt.analysis.settings.WorkspaceSettings`.
+    **options
+        ``gap``: relative gap between the bounds that is asked for, 0.01 by default;
+        ``time_budget``: seconds of work after which the bounds so far are returned, compilation
+        does not count; ``box_budget``: boxes examined after which they are, the same on every
+        machine; ``working_mode``, ``domain``, ``limits``, and ``norm``, ``jacobian`` and
+        ``characteristic_length`` of the index.
     """
-    from pmopt.analysis.certification import boxes
-    from pmopt.analysis.settings import WorkspaceSettings
-
-    return boxes.certify_volume(
-        find(mechanism),
-        params,
-        validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
-        gap=gap,
-        time_budget=time_budget,
-        box_budget=box_budget,
-    )
+    return Design.of(mechanism, params).certify_volume(**options)
 
 
+@named
 def certify(
-    mechanism: str,
-    params: Params | None = None,
-    *,
-    time_budget: float | None = 30.0,
-    box_budget: int | None = None,
-    **settings: Any,
+    mechanism: str, params: Params | None = None, **options: Unpack[CertifyOptions]
 ) -> Claim:
     """Prove or refute LCI >= ``min_lci`` at every reachable pose of a box.
 
@@ -228,27 +201,16 @@ def certify(
     ----------
     mechanism, params
         See :func:`workspace`.
-    time_budget : float, optional
-        Seconds of work after which the claim is left undecided; compilation does not count.
-    box_budget : int, optional
-        Boxes examined after which it is: with ``time_budget=None`` the verdict is the same on every
-        machine.
-    **settings
+    **options
         ``min_lci``, ``domain``, ``limits``, ``working_mode``, ``norm``, ``jacobian`` and
-        ``characteristic_length`` of :class:`pmopt.analysis.settings.WorkspaceSettings`.
+        ``characteristic_length``; ``time_budget``: seconds of work after which the claim is left
+        undecided, 30 by default, compilation does not count; ``box_budget``: boxes examined after
+        which it is: with ``time_budget=None`` the verdict is the same on every machine.
     """
-    from pmopt.analysis.certification.boxes import certify_claim
-    from pmopt.analysis.settings import WorkspaceSettings
-
-    return certify_claim(
-        find(mechanism),
-        params,
-        validated(WorkspaceSettings, settings, "certify", find(mechanism).units),
-        time_budget=time_budget,
-        box_budget=box_budget,
-    )
+    return Design.of(mechanism, params).certify(**options)
 
 
+@named
 def warmup(
     *mechanisms: str,
     threads: int | None = None,
@@ -304,49 +266,27 @@ def warmup(
     return warm_up(users, threads or default_threads(), progress=progress)
 
 
+@named
 def singularities(
-    mechanism: str,
-    params: Params | None = None,
-    *,
-    seed: int = 1,
-    threads: int | None = None,
-    grid: int | None = None,
-    **settings: Any,
+    mechanism: str, params: Params | None = None, **options: Unpack[SingularityOptions]
 ) -> SingularityResult:
     """Map the singularities of one design over its workspace.
 
     Parameters
     ----------
-    mechanism, params, seed, threads, **settings
+    mechanism, params
         See :func:`workspace`.
-    grid : int, optional
-        Cells along each axis on which aspects are told apart.
+    **options
+        ``working_mode``, ``domain``, ``limits``, ``samples``, .. as of :func:`workspace`, see
+        :class:`pmopt.api.keywords.SingularityOptions`; ``grid``: cells along each axis on which
+        aspects are distinguished.
     """
-    from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.singularities.survey import find_singularities
-
-    return find_singularities(
-        find(mechanism),
-        params,
-        validated(WorkspaceSettings, settings, "singularities", find(mechanism).units),
-        seed=seed,
-        threads=threads,
-        grid=grid,
-    )
+    return Design.of(mechanism, params).singularities(**options)
 
 
+@named
 def capability(
-    mechanism: str,
-    params: Params | None = None,
-    *,
-    motors: Params | None = None,
-    payload: float = 0.0,
-    payload_centre: Sequence[float] = (0.0, 0.0, 0.0),
-    samples: int = 1 << 16,
-    seed: int = 1,
-    threads: int | None = None,
-    workspace: Params | None = None,
-    **task: float,
+    mechanism: str, params: Params | None = None, **options: Unpack[CapabilityOptions]
 ) -> Capability:
     """Sample the rates and efforts that a task asks for, and where given motors suffice.
 
@@ -355,54 +295,28 @@ def capability(
     mechanism : str
     params : mapping, optional
         Design parameters; those left out take their defaults.
-    motors : mapping, optional
-        ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m) that there are.
-    payload : float
-        kg, at ``payload_centre`` in the platform's frame and the length unit; the centre needs one.
-    samples, seed, threads
-        Sample points, their seed, and threads, which change nothing.
-    workspace : mapping, optional
-        Settings of the workspace: domain, limits, working_mode and what else
-        :data:`pmopt.analysis.sizing.actuators.READS` names.
-    **task : float
-        ``speed``, ``acceleration``, ``turn``, ``angular_acceleration`` of the pose's coordinates,
-        or ``point_speed``, ``point_acceleration``, ``rotation_speed``, ``rotation_acceleration``
-        of the platform; ``force``; see :class:`pmopt.analysis.sizing.actuators.Task`.
+    **options
+        ``motors``: ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m) that
+        there are; ``payload`` in kg, at ``payload_centre`` in the platform's frame and the length
+        unit; ``samples``, ``seed``; ``threads``, which change nothing; ``workspace``: domain,
+        limits, working_mode and what else :class:`pmopt.api.keywords.CapabilityWorkspace` names.
+        The task: ``speed``, ``acceleration``, ``turn``, ``angular_acceleration`` of the pose's
+        coordinates, or ``point_speed``, ``point_acceleration``, ``rotation_speed``,
+        ``rotation_acceleration`` of the platform; ``force``; see
+        :class:`pmopt.analysis.sizing.actuators.Task`.
 
     Raises
     ------
-    pmopt.errors.InfeasibleError
+    pmopt.InfeasibleError
         When nothing is reachable, with what rules it out.
     """
-    from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.sizing.actuators import SIZES, Task, check_payload, compute_capability
-    from pmopt.analysis.workspace.emptiness import require_reachable
-    from pmopt.mechanisms.bodies import point_mass
-
-    found = find(mechanism)
-    for name in task:
-        if name not in SIZES:
-            raise unknown_name("capability", name, SIZES)
-    check_payload(payload, payload_centre, "capability: payload_centre")
-    load = point_mass(payload, payload_centre) if payload else None
-    settings = validated(
-        WorkspaceSettings, dict(workspace or {}), "capability: workspace", found.units
-    )
-    result = compute_capability(
-        found,
-        found.resolve(params or {}),
-        settings,
-        Task(**task, payload=load),
-        motors or {},
-        samples=samples, seed=seed, threads=threads,
-    )  # fmt: skip
-    require_reachable(
-        result.reachable, found, result.params, settings, "capability", result.samples
-    )
-    return result
+    return Design.of(mechanism, params).capability(**options)
 
 
-def motion(config: Params | str | Path, out: str | Path | None = None, **options: Any) -> MotionRun:
+@named
+def motion(
+    config: Config, out: str | Path | None = None, **options: Unpack[RunOptions]
+) -> MotionRun:
     """Compute the motion that a configuration describes, with efforts and power.
 
     Parameters
@@ -412,15 +326,16 @@ def motion(config: Params | str | Path, out: str | Path | None = None, **options
     out : path, optional
         The run's folder; nothing is written without it, nor of an infeasible motion.
     **options
-        ``force``, ``threads`` of :func:`pmopt.reporting.runs.motion_run.run_motion`.
+        ``force``: overwrite a run in the folder; ``threads``.
     """
     from pmopt.reporting.runs.motion_run import run_motion
 
     return run_motion(_motion_task(config), None if out is None else Path(out), **options)
 
 
+@named
 def simulate(
-    config: Params | str | Path, out: str | Path | None = None, **options: Any
+    config: Config, out: str | Path | None = None, **options: Unpack[RunOptions]
 ) -> SimulationRun:
     """Run the motion that a configuration describes on an independent multibody engine.
 
@@ -431,11 +346,11 @@ def simulate(
     out : path, optional
         The run's folder; nothing is written without it.
     **options
-        ``force``, ``threads`` of :func:`pmopt.reporting.runs.simulate_run.run_simulation`.
+        ``force``: overwrite a run in the folder; ``threads``.
 
     Raises
     ------
-    pmopt.errors.PmoptError
+    pmopt.PmoptError
         Where the engine is not installed: it comes with ``pmopt[engines]``.
     """
     from pmopt.reporting.runs.simulate_run import run_simulation
@@ -443,9 +358,10 @@ def simulate(
     return run_simulation(_motion_task(config), None if out is None else Path(out), **options)
 
 
+@named
 def mjcf(
     mechanism: str,
-    pose: Params | None = None,
+    pose: Values | None = None,
     params: Params | None = None,
     working_mode: str | None = None,
     step: float = 0.001,
@@ -464,13 +380,10 @@ def mjcf(
     step : float
         The engine's step in s.
     """
-    from pmopt.analysis.multibody.mjcf import to_mjcf
-    from pmopt.analysis.multibody.model import declared_tree
-
-    return to_mjcf(declared_tree(find(mechanism), params, pose, working_mode), step)
+    return Design.of(mechanism, params).mjcf(pose, working_mode, step)
 
 
-def _motion_task(config: Params | str | Path) -> MotionTask:
+def _motion_task(config: Config) -> MotionTask:
     from pmopt.analysis.motion.config import load_motion, resolve_motion
 
     if isinstance(config, str | Path):
@@ -478,12 +391,9 @@ def _motion_task(config: Params | str | Path) -> MotionTask:
     return resolve_motion(dict(config), "config", Path())
 
 
+@named
 def pareto(
-    config: Params | str | Path,
-    out: str | Path | None = None,
-    *,
-    scheduler: str | None = None,
-    **options: Any,
+    config: Config, out: str | Path | None = None, **options: Unpack[ParetoOptions]
 ) -> ParetoRun:
     """Search for the Pareto front of a configuration.
 
@@ -493,10 +403,9 @@ def pareto(
         As in the TOML file, or the file.
     out : path, optional
         The run's folder; nothing is written without it.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers evaluate; the result is the same.
     **options
-        ``force``, ``resume``, ``threads`` of :func:`pmopt.reporting.runs.pareto_run.run_pareto`.
+        ``force``: overwrite a run in the folder; ``resume``: take it up; ``threads``;
+        ``scheduler``: address of a Dask scheduler whose workers evaluate; the result is the same.
     """
     from pmopt.execution.cluster import connect
     from pmopt.reporting.runs.pareto_run import run_pareto
@@ -506,12 +415,19 @@ def pareto(
         resolved = load_config(Path(config))
     else:
         resolved = resolve_config(dict(config), "config")
-    with connect(scheduler) as cluster:
-        return run_pareto(resolved, None if out is None else Path(out), cluster=cluster, **options)
+    with connect(options.get("scheduler")) as cluster:
+        return run_pareto(
+            resolved, None if out is None else Path(out), cluster=cluster,
+            force=options.get("force", False), resume=options.get("resume", False),
+            threads=options.get("threads"),
+        )  # fmt: skip
 
 
+@named
 def batch(
-    configs: str | Path | Sequence[str | Path], out: str | Path | None = None, **options: Any
+    configs: str | Path | Sequence[str | Path],
+    out: str | Path | None = None,
+    **options: Unpack[BatchOptions],
 ) -> BatchResult:
     """Run many configurations, or what is not done of them, each in its own folder.
 

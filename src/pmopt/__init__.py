@@ -16,12 +16,6 @@ from typing import TYPE_CHECKING, Any
 from pmopt.version import __version__
 
 if TYPE_CHECKING:
-    from pmopt.analysis.certification.boxes import CertifiedVolume, Claim
-    from pmopt.analysis.kinematics.solve import ForwardResult, InverseResult, JacobianResult
-    from pmopt.analysis.mobility.freedom import MobilityResult
-    from pmopt.analysis.singularities.survey import SingularityResult
-    from pmopt.analysis.sizing.actuators import Capability
-    from pmopt.analysis.workspace.compute import WorkspaceResult
     from pmopt.api import (
         Design,
         MechanismHandle,
@@ -43,6 +37,17 @@ if TYPE_CHECKING:
         warmup,
         workspace,
     )
+    from pmopt.api.results.certification import CertifiedVolume, Claim
+    from pmopt.api.results.kinematics import (
+        ForwardResult,
+        InverseResult,
+        JacobianResult,
+        MobilityResult,
+    )
+    from pmopt.api.results.runs import BatchResult, MotionRun, ParetoRun, SimulationRun
+    from pmopt.api.results.singularities import SingularityResult
+    from pmopt.api.results.sizing import Capability
+    from pmopt.api.results.workspace import WorkspaceResult
     from pmopt.errors import (
         InfeasibleError,
         InputError,
@@ -50,10 +55,6 @@ if TYPE_CHECKING:
         PmoptError,
         UnreachableError,
     )
-    from pmopt.reporting.batch.summary import BatchResult
-    from pmopt.reporting.runs.motion_run import MotionRun
-    from pmopt.reporting.runs.pareto_run import ParetoRun
-    from pmopt.reporting.runs.simulate_run import SimulationRun
 
 #: Names by the module that has them.
 _PLACES = {
@@ -65,16 +66,14 @@ _PLACES = {
     "pmopt.errors": (
         "InfeasibleError", "InputError", "InputErrors", "PmoptError", "UnreachableError",
     ),
-    "pmopt.analysis.kinematics.solve": ("ForwardResult", "InverseResult", "JacobianResult"),
-    "pmopt.analysis.mobility.freedom": ("MobilityResult",),
-    "pmopt.analysis.workspace.compute": ("WorkspaceResult",),
-    "pmopt.analysis.singularities.survey": ("SingularityResult",),
-    "pmopt.analysis.certification.boxes": ("CertifiedVolume", "Claim"),
-    "pmopt.analysis.sizing.actuators": ("Capability",),
-    "pmopt.reporting.batch.summary": ("BatchResult",),
-    "pmopt.reporting.runs.motion_run": ("MotionRun",),
-    "pmopt.reporting.runs.pareto_run": ("ParetoRun",),
-    "pmopt.reporting.runs.simulate_run": ("SimulationRun",),
+    "pmopt.api.results.kinematics": (
+        "ForwardResult", "InverseResult", "JacobianResult", "MobilityResult",
+    ),
+    "pmopt.api.results.runs": ("BatchResult", "MotionRun", "ParetoRun", "SimulationRun"),
+    "pmopt.api.results.certification": ("CertifiedVolume", "Claim"),
+    "pmopt.api.results.singularities": ("SingularityResult",),
+    "pmopt.api.results.sizing": ("Capability",),
+    "pmopt.api.results.workspace": ("WorkspaceResult",),
 }  # fmt: skip
 _PLACE = {name: module for module, names in _PLACES.items() for name in names}
 

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from pmopt.analysis.kinematics.solve import (
-    ForwardResult,
-    InverseResult,
-    JacobianResult,
     forward_kinematics,
     inverse_kinematics,
     jacobian_at,
+    reached,
 )
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.validation import read_config, validated
@@ -38,14 +36,20 @@ from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.mechanism import Coordinate, Limb, Parameter
 
 if TYPE_CHECKING:
-    from pmopt.analysis.certification.boxes import CertifiedVolume, Claim
-    from pmopt.analysis.mobility.freedom import MobilityResult
+    from matplotlib.axes import Axes
+
     from pmopt.analysis.motion.config import MotionTask
-    from pmopt.analysis.singularities.survey import SingularityResult
-    from pmopt.analysis.sizing.actuators import Capability
-    from pmopt.analysis.workspace.compute import WorkspaceResult
-    from pmopt.reporting.runs.motion_run import MotionRun
-    from pmopt.reporting.runs.simulate_run import SimulationRun
+    from pmopt.api.results.certification import CertifiedVolume, Claim
+    from pmopt.api.results.kinematics import (
+        ForwardResult,
+        InverseResult,
+        JacobianResult,
+        MobilityResult,
+    )
+    from pmopt.api.results.runs import MotionRun, SimulationRun
+    from pmopt.api.results.singularities import SingularityResult
+    from pmopt.api.results.sizing import Capability
+    from pmopt.api.results.workspace import WorkspaceResult
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,6 +126,12 @@ class MechanismHandle:
     def __repr__(self) -> str:
         return f"<{self.name}: {self.freedom}, {self.description}>"
 
+    def _repr_html_(self) -> str:
+        from pmopt.reporting.tables.html import to_html
+        from pmopt.reporting.tables.results import mechanism_tables
+
+        return to_html(mechanism_tables(self.declaration))
+
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
@@ -169,32 +179,44 @@ class Design:
         self, pose: Values, working_mode: str = "all", limits: Ranges | None = None
     ) -> InverseResult:
         """Solve the inverse kinematics at a pose, see :func:`pmopt.ik`."""
-        return inverse_kinematics(self.mechanism, self.parameters, pose, working_mode, limits)
+        from pmopt.api.results.kinematics import InverseResult
+
+        found = inverse_kinematics(self.mechanism, self.parameters, pose, working_mode, limits)
+        return InverseResult.of(found, design=self)
 
     @named
     def fk(self, joints: Values, near: Values | None = None) -> ForwardResult:
         """Solve the forward kinematics, see :func:`pmopt.fk`."""
-        return forward_kinematics(self.mechanism, self.parameters, joints, near=near)
+        from pmopt.api.results.kinematics import ForwardResult
+
+        found = forward_kinematics(self.mechanism, self.parameters, joints, near=near)
+        return ForwardResult.of(found, design=self)
 
     @named
     def jacobian(
         self, pose: Values, working_mode: str | None = None, **options: Unpack[JacobianOptions]
     ) -> JacobianResult:
         """Compute the Jacobian and its conditioning at a pose, see :func:`pmopt.jacobian`."""
-        return jacobian_at(self.mechanism, self.parameters, pose, working_mode, **options)
+        from pmopt.api.results.kinematics import JacobianResult
+
+        found = jacobian_at(self.mechanism, self.parameters, pose, working_mode, **options)
+        return JacobianResult.of(found, design=self)
 
     @named
     def mobility(self, **options: Unpack[MobilityOptions]) -> MobilityResult:
         """Analyse the mobility from the declared joints, see :func:`pmopt.mobility`."""
         from pmopt.analysis.mobility.freedom import mobility_of
+        from pmopt.api.results.kinematics import MobilityResult
 
-        return mobility_of(self.mechanism, self.parameters, **options)
+        found = mobility_of(self.mechanism, self.parameters, **options)
+        return MobilityResult.of(found, design=self)
 
     @named
     def workspace(self, **options: Unpack[WorkspaceOptions]) -> WorkspaceResult:
         """Sample the workspace, see :func:`pmopt.workspace`."""
         from pmopt.analysis.workspace.compute import compute_workspace
         from pmopt.analysis.workspace.emptiness import require_reachable
+        from pmopt.api.results.workspace import WorkspaceResult
         from pmopt.execution.cluster import connect
 
         settings = self._settings(
@@ -209,55 +231,68 @@ class Design:
         require_reachable(
             result.reachable, self.mechanism, result.params, settings, "workspace", result.samples
         )
-        return result
+        return WorkspaceResult.of(result, design=self, threads=options.get("threads"))
 
     @named
     def singularities(self, **options: Unpack[SingularityOptions]) -> SingularityResult:
         """Map the singularities over the workspace, see :func:`pmopt.singularities`."""
         from pmopt.analysis.singularities.survey import find_singularities
+        from pmopt.api.results.singularities import SingularityResult
 
-        return find_singularities(
+        settings = self._settings(options, "singularities", ("seed", "threads", "grid"))
+        found = find_singularities(
             self.mechanism,
             self.parameters,
-            self._settings(options, "singularities", ("seed", "threads", "grid")),
+            settings,
             seed=options.get("seed", 1),
             threads=options.get("threads"),
             grid=options.get("grid"),
+        )
+        return SingularityResult.of(
+            found, design=self, settings=settings, threads=options.get("threads")
         )
 
     @named
     def certify(self, **options: Unpack[CertifyOptions]) -> Claim:
         """Prove or refute a claim about the poses of a box, see :func:`pmopt.certify`."""
         from pmopt.analysis.certification.boxes import certify_claim
+        from pmopt.api.results.certification import Claim
 
-        return certify_claim(
+        settings = self._settings(options, "certify", ("time_budget", "box_budget"))
+        found = certify_claim(
             self.mechanism,
             self.parameters,
-            self._settings(options, "certify", ("time_budget", "box_budget")),
+            settings,
             time_budget=options.get("time_budget", 30.0),
             box_budget=options.get("box_budget"),
         )
+        return Claim.of(found, design=self, settings=settings)
 
     @named
     def certify_volume(self, **options: Unpack[CertifyVolumeOptions]) -> CertifiedVolume:
         """Enclose the volume between guaranteed bounds, see :func:`pmopt.certify_volume`."""
         from pmopt.analysis.certification import boxes
+        from pmopt.api.results.certification import CertifiedVolume
 
-        return boxes.certify_volume(
+        settings = self._settings(options, "certify", ("gap", "time_budget", "box_budget"))
+        found = boxes.certify_volume(
             self.mechanism,
             self.parameters,
-            self._settings(options, "certify", ("gap", "time_budget", "box_budget")),
+            settings,
             gap=options.get("gap", 1e-2),
             time_budget=options.get("time_budget"),
             box_budget=options.get("box_budget"),
         )
+        return CertifiedVolume.of(found, design=self, settings=settings)
 
     @named
     def capability(self, **options: Unpack[CapabilityOptions]) -> Capability:
         """Sample what a task asks of the motors, see :func:`pmopt.capability`."""
-        from pmopt.analysis.sizing.actuators import SIZES, Task, check_payload, compute_capability
+        from pmopt.analysis.sizing.actuators import SIZES, Task, check_limits, check_payload
         from pmopt.analysis.workspace.emptiness import require_reachable
+        from pmopt.api.results.sizing import Capability
         from pmopt.mechanisms.bodies import point_mass
+        from pmopt.reporting.runs.capability_run import CapabilityTask, compute
 
         payload = options.get("payload", 0.0)
         centre = options.get("payload_centre", (0.0, 0.0, 0.0))
@@ -265,20 +300,16 @@ class Design:
         load = point_mass(payload, centre) if payload else None
         settings = self._settings(options.get("workspace") or {}, "capability: workspace", ())
         sizes: dict[str, Any] = {name: options[name] for name in SIZES if name in options}  # type: ignore[literal-required]
-        result = compute_capability(
-            self.mechanism,
-            self.parameters,
-            settings,
-            Task(**sizes, payload=load),
-            options.get("motors") or {},
-            samples=options.get("samples", 1 << 16),
-            seed=options.get("seed", 1),
-            threads=options.get("threads"),
-        )
+        motors = check_limits(self.mechanism, options.get("motors") or {}, "capability")
+        asked = CapabilityTask(
+            self.mechanism, self.parameters, settings, Task(**sizes, payload=load), motors,
+            options.get("samples", 1 << 16), options.get("seed", 1),
+        )  # fmt: skip
+        result = compute(asked, options.get("threads"))
         require_reachable(
             result.reachable, self.mechanism, result.params, settings, "capability", result.samples
         )
-        return result
+        return Capability.of(result, asked=asked, threads=options.get("threads"))
 
     @named
     def motion(
@@ -292,9 +323,11 @@ class Design:
         The configuration needs neither ``mechanism`` nor ``[parameters]``; those of a file give
         way to this design.
         """
+        from pmopt.api.results.runs import MotionRun
         from pmopt.reporting.runs.motion_run import run_motion
 
-        return run_motion(self._motion_task(config), None if out is None else Path(out), **options)
+        folder = None if out is None else Path(out)
+        return MotionRun.of(run_motion(self._motion_task(config), folder, **options))
 
     @named
     def simulate(
@@ -307,10 +340,11 @@ class Design:
 
         For the configuration see :meth:`motion`.
         """
+        from pmopt.api.results.runs import SimulationRun
         from pmopt.reporting.runs.simulate_run import run_simulation
 
         folder = None if out is None else Path(out)
-        return run_simulation(self._motion_task(config), folder, **options)
+        return SimulationRun.of(run_simulation(self._motion_task(config), folder, **options))
 
     @named
     def mjcf(
@@ -321,6 +355,26 @@ class Design:
         from pmopt.analysis.multibody.model import declared_tree
 
         return to_mjcf(declared_tree(self.mechanism, self.parameters, pose, working_mode), step)
+
+    @named
+    def draw(
+        self,
+        pose: Values | None = None,
+        working_mode: str | None = None,
+        limits: Ranges | None = None,
+    ) -> Axes:
+        """Draw the mechanism at a pose, its home by default; return the axes of the picture.
+
+        Raises
+        ------
+        pmopt.UnreachableError
+        """
+        from pmopt.api.results.kinematics import draw_at
+
+        mode = self.mechanism.check_mode(working_mode)
+        at = self.home() if pose is None else pose
+        found = inverse_kinematics(self.mechanism, self.parameters, at, mode, limits)
+        return draw_at(self, reached(self.mechanism, found, "pose").pose, mode)
 
     def _settings(
         self, options: Mapping[str, Any], where: str, own: tuple[str, ...]
@@ -338,9 +392,9 @@ class Design:
             data, where, folder = dict(config), "config", Path()
             if "parameters" in data:
                 raise InputError(f"{where}: parameters are those of the design: leave them out")
-        named = data.get("mechanism", self.mechanism.name)
-        if not isinstance(named, str) or find(named) is not self.mechanism:
-            raise InputError(f"{where}: mechanism={named!r} is not that of the design: "
+        name = data.get("mechanism", self.mechanism.name)
+        if not isinstance(name, str) or find(name).name != self.mechanism.name:
+            raise InputError(f"{where}: mechanism={name!r} is not that of the design: "
                              f"{self.mechanism.name}")  # fmt: skip
         own = {"mechanism": self.mechanism.name, "parameters": self.parameters}
         return resolve_motion({**data, **own}, where, folder)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from pmopt.analysis.kinematics.solve import ForwardResult, InverseResult, JacobianResult
 from pmopt.api.design import Design, MechanismHandle
 from pmopt.api.keywords import (
     BatchOptions,
@@ -27,16 +26,18 @@ from pmopt.api.keywords import (
 from pmopt.mechanisms import find, names
 
 if TYPE_CHECKING:
-    from pmopt.analysis.certification.boxes import CertifiedVolume, Claim
-    from pmopt.analysis.mobility.freedom import MobilityResult
     from pmopt.analysis.motion.config import MotionTask
-    from pmopt.analysis.singularities.survey import SingularityResult
-    from pmopt.analysis.sizing.actuators import Capability
-    from pmopt.analysis.workspace.compute import WorkspaceResult
-    from pmopt.reporting.batch.summary import BatchResult
-    from pmopt.reporting.runs.motion_run import MotionRun
-    from pmopt.reporting.runs.pareto_run import ParetoRun
-    from pmopt.reporting.runs.simulate_run import SimulationRun
+    from pmopt.api.results.certification import CertifiedVolume, Claim
+    from pmopt.api.results.kinematics import (
+        ForwardResult,
+        InverseResult,
+        JacobianResult,
+        MobilityResult,
+    )
+    from pmopt.api.results.runs import BatchResult, MotionRun, ParetoRun, SimulationRun
+    from pmopt.api.results.singularities import SingularityResult
+    from pmopt.api.results.sizing import Capability
+    from pmopt.api.results.workspace import WorkspaceResult
 
 #: A configuration as in its TOML file, or the file.
 Config = Mapping[str, object] | str | Path
@@ -328,9 +329,11 @@ def motion(
     **options
         ``force``: overwrite a run in the folder; ``threads``.
     """
+    from pmopt.api.results.runs import MotionRun
     from pmopt.reporting.runs.motion_run import run_motion
 
-    return run_motion(_motion_task(config), None if out is None else Path(out), **options)
+    folder = None if out is None else Path(out)
+    return MotionRun.of(run_motion(_motion_task(config), folder, **options))
 
 
 @named
@@ -353,9 +356,11 @@ def simulate(
     pmopt.PmoptError
         Where the engine is not installed: it comes with ``pmopt[engines]``.
     """
+    from pmopt.api.results.runs import SimulationRun
     from pmopt.reporting.runs.simulate_run import run_simulation
 
-    return run_simulation(_motion_task(config), None if out is None else Path(out), **options)
+    folder = None if out is None else Path(out)
+    return SimulationRun.of(run_simulation(_motion_task(config), folder, **options))
 
 
 @named
@@ -407,6 +412,7 @@ def pareto(
         ``force``: overwrite a run in the folder; ``resume``: take it up; ``threads``;
         ``scheduler``: address of a Dask scheduler whose workers evaluate; the result is the same.
     """
+    from pmopt.api.results.runs import ParetoRun
     from pmopt.execution.cluster import connect
     from pmopt.reporting.runs.pareto_run import run_pareto
     from pmopt.synthesis.config import load_config, resolve_config
@@ -416,11 +422,12 @@ def pareto(
     else:
         resolved = resolve_config(dict(config), "config")
     with connect(options.get("scheduler")) as cluster:
-        return run_pareto(
+        found = run_pareto(
             resolved, None if out is None else Path(out), cluster=cluster,
             force=options.get("force", False), resume=options.get("resume", False),
             threads=options.get("threads"),
         )  # fmt: skip
+    return ParetoRun.of(found, config=resolved)
 
 
 @named
@@ -441,9 +448,10 @@ def batch(
         ``workers``, ``threads``, ``scheduler``, ``shard``, ``force`` and ``notify`` of
         :func:`pmopt.reporting.batch.run.run_batch`.
     """
+    from pmopt.api.results.runs import BatchResult
     from pmopt.reporting.batch.run import run_batch
     from pmopt.reporting.runs.run_folder import default_folder
 
     several = [configs] if isinstance(configs, str | Path) else configs
     folder = default_folder("batch") if out is None else Path(out)
-    return run_batch([str(config) for config in several], folder, **options)
+    return BatchResult.of(run_batch([str(config) for config in several], folder, **options))

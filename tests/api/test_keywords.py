@@ -12,6 +12,7 @@ import pytest
 import pmopt
 from pmopt import api
 from pmopt.analysis.certification import boxes
+from pmopt.analysis.regions import sections
 from pmopt.analysis.settings import Range, WorkspaceSettings
 from pmopt.analysis.singularities import survey
 from pmopt.analysis.sizing import actuators
@@ -25,6 +26,7 @@ READ = {
         frozenset(WorkspaceSettings.model_fields), {"seed", "threads", "shape_grid", "scheduler"},
     ),
     keywords.SingularityOptions: (survey.READS.fields, {"seed", "threads", "grid"}),
+    keywords.SectionOptions: (sections.READS.fields, {"threads", "resolution"}),
     keywords.CertifyOptions: (boxes.READS.fields, {"time_budget", "box_budget"}),
     keywords.CertifyVolumeOptions: (
         boxes.VOLUME_READS.fields, {"gap", "time_budget", "box_budget"},
@@ -131,6 +133,16 @@ def test_a_setting_of_others_says_who_reads_what():
         pmopt.singularities("2pauu-ppap", aspect="home")
 
 
+def test_sections_read_no_samples():
+    design = pmopt.mechanism("2pauu-ppap").design()
+    with pytest.raises(pmopt.InputError, match="samples=64 is not read by sections"):
+        design.sections(samples=64)
+    with pytest.raises(pmopt.InputError, match="resolution=1 is not allowed: 2 to"):
+        design.sections(resolution=1)
+    assert design.sections(resolution=12)[1].lci.shape == (12, 12)
+    assert design.reach({"x": 0, "y": 0, "z": 1.2})[0].distance > 0
+
+
 def test_all_names_are_there_and_importing_costs_nothing():
     assert all(getattr(pmopt, name) is not None for name in pmopt.__all__)
     heavy = ("numpy", "pydantic", "numba", "pandas", "matplotlib", "pmopt.api")
@@ -158,6 +170,7 @@ freedom: int = paper.mobility(samples=2).freedom
 verdict: str = paper.certify(min_lci=0.2, domain={"z": (1.3, 1.5)}, time_budget=None).verdict
 upper: float = paper.certify_volume(gap=0.1, working_mode="in-in").upper
 asked = paper.capability(speed=1.0, motors={"theta1_rate": 6}, workspace={"limits": limits})
+lci_there: float = float(paper.sections(resolution=20, min_lci=0.1)[0].lci[0, 0])
 walls = paper.singularities(samples=4096, grid=20, threads=1).walls
 run = paper.motion({"trajectory": {"space": "task"}}, force=True)
 front: pmopt.ParetoRun = pmopt.pareto("config.toml", resume=True)
@@ -193,6 +206,7 @@ pmopt.wrokspace("2pauu-ppap")
 paper.workspace(sampels=4096)
 paper.singularities(sampels=4096)
 paper.certify(sampels=4096)
+paper.sections(samples=4096)
 paper.capability(sped=1.0)
 paper.jacobian({"x": 0}, nrom="fro")
 paper.motion({}, frce=True)

@@ -155,7 +155,7 @@ def test_computing_imports_neither_pandas_nor_matplotlib():
 def test_every_result_is_exported():
     names = [getattr(pmopt, name) for name in pmopt.__all__]
     classes = Showing.__subclasses__()
-    assert len(classes) == 12 and all(c in names for c in classes)
+    assert len(classes) == 13 and all(c in names for c in classes)
     assert {c.__name__ for c in classes} <= set(pmopt.__all__)
     assert all(getattr(pmopt, c.__name__) is c for c in classes)
     assert all(inspect.signature(c.plot).return_annotation == "Axes"

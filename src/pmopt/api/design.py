@@ -25,6 +25,7 @@ from pmopt.api.keywords import (
     Params,
     Ranges,
     RunOptions,
+    SectionOptions,
     SingularityOptions,
     Values,
     WorkspaceOptions,
@@ -33,12 +34,13 @@ from pmopt.api.keywords import (
 )
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
-from pmopt.mechanisms.mechanism import Coordinate, Limb, Parameter
+from pmopt.mechanisms.mechanism import Coordinate, Limb, Parameter, Reach
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from pmopt.analysis.motion.config import MotionTask
+    from pmopt.analysis.regions.sections import Section
     from pmopt.api.results.certification import CertifiedVolume, Claim
     from pmopt.api.results.kinematics import (
         ForwardResult,
@@ -50,6 +52,10 @@ if TYPE_CHECKING:
     from pmopt.api.results.singularities import SingularityResult
     from pmopt.api.results.sizing import Capability
     from pmopt.api.results.workspace import WorkspaceResult
+
+
+#: Most points along an axis of a section.
+_FINEST = 4000
 
 
 @dataclass(frozen=True, repr=False)
@@ -232,6 +238,45 @@ class Design:
             result.reachable, self.mechanism, result.params, settings, "workspace", result.samples
         )
         return WorkspaceResult.of(result, design=self, threads=options.get("threads"))
+
+    @named
+    def sections(self, **options: Unpack[SectionOptions]) -> tuple[Section, ...]:
+        """Evaluate LCI on plane sections of the workspace, as its pictures show them.
+
+        Of three coordinates one section across each; of more, pairs through home, see
+        :func:`pmopt.analysis.regions.sections.section_fields`.
+
+        Parameters
+        ----------
+        **options
+            Settings as of :meth:`workspace`, see :class:`pmopt.api.keywords.SectionOptions`;
+            ``resolution``: points along each axis, 400 by default.
+        """
+        from pmopt.analysis.regions.sections import READS, section_fields
+        from pmopt.analysis.workspace.aspects import make_sweeper
+
+        settings = self._settings(options, "sections", ("threads", "resolution"))
+        READS.check(settings)
+        resolution = options.get("resolution", 400)
+        if not 2 <= resolution <= _FINEST:
+            raise InputError(
+                f"sections: resolution={resolution} is not allowed: 2 to {_FINEST} points"
+            )
+        sweeper = make_sweeper(
+            self.mechanism, settings, threads=options.get("threads"), where="sections"
+        )
+        return section_fields(sweeper, sweeper.design(self.parameters), resolution)
+
+    @named
+    def reach(self, pose: Values) -> tuple[Reach, ...]:
+        """Return how far a pose is within the reach of each limb, beyond it where negative.
+
+        Raises
+        ------
+        pmopt.InputError
+        """
+        checked = self.mechanism.check_coordinates(pose, self.mechanism.pose, "pose")
+        return self.mechanism.reach(self.parameters, checked)
 
     @named
     def singularities(self, **options: Unpack[SingularityOptions]) -> SingularityResult:

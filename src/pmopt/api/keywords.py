@@ -84,6 +84,16 @@ class WorkspaceOptions(_Place, _Index, _Checks, total=False):
     block: Literal["translational", "rotational"] | None
 
 
+class SectionOptions(_Place, _Index, _Checks, total=False):
+    """Keywords of :meth:`pmopt.Design.sections`; ``resolution``: points along each axis."""
+
+    threads: int | None
+    resolution: int
+    min_lci: Number
+    aspect: Literal["home"] | None
+    block: Literal["translational", "rotational"] | None
+
+
 class SingularityOptions(_Place, _Index, _Checks, total=False):
     """Keywords of :func:`pmopt.singularities`; ``grid``: cells an axis for the aspects."""
 

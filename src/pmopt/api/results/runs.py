@@ -107,7 +107,8 @@ class ParetoRun(Showing, pareto_run.ParetoRun):
             for k, value in knee.objectives.items()
         )
         return (
-            f"{self._config.mechanism}: {len(front.designs)} designs, hypervolume "
+            f"{self._config.mechanism}: {len(front.designs)} "
+            f"design{'s' if len(front.designs) != 1 else ''}, hypervolume "
             f"{front.hypervolume:.6g} {front.units['hypervolume']}; knee: {at}"
         )
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from pmopt.version import __version__
 
 if TYPE_CHECKING:
+    from pmopt.analysis.record import Subject
     from pmopt.api import (
         Design,
         MechanismHandle,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
 
 #: Names by the module that has them.
 _PLACES = {
+    "pmopt.analysis.record": ("Subject",),
     "pmopt.api": (
         "Design", "MechanismHandle", "batch", "capability", "certify", "certify_volume", "fk",
         "ik", "jacobian", "mechanism", "mechanism_names", "mjcf", "mobility", "motion", "pareto",
@@ -96,6 +98,7 @@ __all__ = [
     "PmoptError",
     "SimulationRun",
     "SingularityResult",
+    "Subject",
     "UnreachableError",
     "WorkspaceResult",
     "__version__",

@@ -92,6 +92,26 @@ def test_a_result_is_the_record(design):
     assert found == pmopt.workspace("2pauu-ppap", {"l1": 0.8}, samples=4096, shape_grid=0)
 
 
+def test_every_result_over_a_workspace_has_the_same_subject(design):
+    limits = {"theta1": (-0.5, 1.5)}
+    place = {"domain": BOX, "limits": limits, "working_mode": "out-out"}
+    results = [
+        design.workspace(samples=4096, shape_grid=0, **place),
+        design.certify(box_budget=10, **place),
+        design.certify_volume(box_budget=10, **place),
+        design.capability(speed=1.0, samples=4096, workspace=place),
+        design.singularities(samples=1024, grid=8, **place),
+    ]
+    first = results[0].subject
+    assert isinstance(first, pmopt.Subject)
+    assert all(result.subject == first for result in results)
+    assert (first.mechanism, first.length_unit, first.working_mode) == ("2pauu-ppap", "m", "out-out")
+    assert (first.params, first.box, first.limits) == (design.parameters, BOX, limits)
+    for result in results:
+        assert (result.mechanism, result.params) == (first.mechanism, first.params)
+        assert (result.working_mode, result.box) == (first.working_mode, first.box)
+
+
 def test_units_stand_beside_a_frame(design):
     run = design.motion(MOTION)
     frame = run.to_frame()

@@ -138,6 +138,12 @@ def test_drawing_leaves_the_settings_of_matplotlib_alone(design):
 def test_what_cannot_be_drawn_is_one_line(design):
     with pytest.raises(pmopt.InputError, match="motors"):
         design.capability(speed=1.0, samples=4096).plot()
+    with pytest.raises(pmopt.InputError, match=r"plot: unknown .*nearest: histogram"):
+        design.workspace(samples=4096, shape_grid=0).plot("histgram")
+    with pytest.raises(pmopt.InputError, match=r"plot: unknown .*nearest: solution"):
+        design.ik(POSE).plot(solutoin=1)
+    with pytest.raises(pmopt.InputError, match=r"plot: unknown .*nearest: efforts"):
+        design.motion(MOTION).plot("eforts")
     with pytest.raises(pmopt.InputError, match="solution=9 is not allowed: 0 to 3"):
         design.ik(POSE).plot(9)
     with pytest.raises(pmopt.UnreachableError):

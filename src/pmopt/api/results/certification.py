@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from pmopt.analysis.certification import boxes
+from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing
 from pmopt.api.results.workspace import draw_part
 from pmopt.errors import InputError
@@ -42,6 +43,7 @@ class CertifiedVolume(Showing, boxes.CertifiedVolume):
             raise InputError("to_frame: lci: nothing is reachable, there is no index")
         return super()._frame(name)
 
+    @named
     def plot(self) -> Axes:
         """Draw the first three sections of the workspace, sampled for the picture."""
         return draw_part(self._design, self._settings, "sections")
@@ -61,6 +63,7 @@ class Claim(Showing, boxes.Claim):
         """Return the verdict, with the witness if there is one."""
         return certify_run.claim_tables(self)
 
+    @named
     def plot(self) -> Axes:
         """Draw the first three sections of the box with LCI, sampled for the picture."""
         settings = self._settings.model_copy(update={"min_lci": 0.0})

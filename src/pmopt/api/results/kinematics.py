@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pmopt.analysis.kinematics import solve
 from pmopt.analysis.mobility import freedom
+from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of, place_text
 from pmopt.errors import InputError
 from pmopt.mechanisms.mechanism import wrap_angle
@@ -51,6 +52,7 @@ class InverseResult(Showing, solve.InverseResult):
         """Return the branches, a row each."""
         return [tables.inverse_table([self])]
 
+    @named
     def plot(self, solution: int = 0) -> Axes:
         """Draw the mechanism in one of the solutions."""
         found = self.solutions[_number(solution, len(self.solutions))]
@@ -74,6 +76,7 @@ class ForwardResult(Showing, solve.ForwardResult):
         """Return the assembly modes, a row each."""
         return [tables.forward_table([self])]
 
+    @named
     def plot(self, solution: int = 0) -> Axes:
         """Draw the mechanism in one of the assembly modes."""
         pose = self.solutions[_number(solution, len(self.solutions))].pose
@@ -111,6 +114,7 @@ class JacobianResult(Showing, solve.JacobianResult):
         """Return all numbers, a row each."""
         return tables.jacobian_data(self)
 
+    @named
     def plot(self) -> Axes:
         """Draw the mechanism at the pose."""
         return draw_at(self._design, self.pose, self.working_mode)
@@ -138,6 +142,7 @@ class MobilityResult(Showing, freedom.MobilityResult):
         """Return the table of that name."""
         return mobility_data(self)[self.frames.index(name)]
 
+    @named
     def plot(self) -> Axes:
         """Draw the mechanism as declared, at the pose that was analysed or at home."""
         return draw_at(self._design, self.pose or self._design.home(), self.working_mode)

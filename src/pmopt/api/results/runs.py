@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import InputError, unknown_name
 from pmopt.reporting.batch import summary
@@ -52,6 +53,7 @@ class MotionRun(Showing, motion_run.MotionRun):
         rows = [row for table in (first, *others) for row in table.rows]
         return Table(first.title, first.columns, tuple(rows), first.units)
 
+    @named
     def plot(self, what: Quantity | None = None) -> Axes:
         """Draw one group of quantities over time; by default the efforts, if there are any."""
         from pmopt.reporting.pictures.motion_plots import quantities
@@ -88,6 +90,7 @@ class SimulationRun(Showing, simulate_run.SimulationRun):
         of = simulate_run.series_table if name == "series" else simulate_run.summary_table
         return of(self)
 
+    @named
     def plot(self) -> Axes:
         """Draw each actuated joint's effort, theory over engine, and the error below."""
         return axes_of(lambda: simulate_run.draw_run(self))
@@ -116,10 +119,12 @@ class ParetoRun(Showing, pareto_run.ParetoRun):
         """Return the ends and the knee of the front."""
         return tables.pareto_tables(self)
 
+    @named
     def to_frame(self, name: str | None = None) -> pd.DataFrame:
         """Return the front, or its regions, the history or all evaluations."""
         return self.tables[self._checked(name)].copy()
 
+    @named
     def plot(self, what: Literal["front", "history"] = "front") -> Axes:
         """Draw the front or the course of the search."""
         from pmopt.reporting.runs.run_pictures import of_search

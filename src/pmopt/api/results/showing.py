@@ -6,9 +6,10 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from pmopt.api.keywords import named
 from pmopt.errors import PmoptError, unknown_name
 from pmopt.reporting.tables.table import Table
-from pmopt.units import ONE, exact
+from pmopt.units import ONE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,6 +44,7 @@ class Showing:
         """Return the table behind a DataFrame."""
         return self._tables()[self.frames.index(name)]
 
+    @named
     def to_frame(self, name: str | None = None) -> pd.DataFrame:
         """Return a DataFrame: the main table or another of ``frames`` by its name.
 
@@ -95,5 +97,5 @@ def axes_of(draw: Callable[[], object]) -> Axes:
 
 def place_text(values: Mapping[str, float], units: Mapping[str, str]) -> str:
     """Return a pose or joint positions in words."""
-    return ", ".join(f"{k} = {exact(v)} {units[k]}".removesuffix(f" {ONE}")
+    return ", ".join(f"{k} = {v:.6g} {units[k]}".removesuffix(f" {ONE}")
                      for k, v in values.items())  # fmt: skip

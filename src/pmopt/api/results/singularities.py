@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from pmopt.analysis.singularities import survey
+from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing
 from pmopt.api.results.workspace import draw_part
 from pmopt.reporting.runs import singularity_run
@@ -38,6 +39,7 @@ class SingularityResult(Showing, survey.SingularityResult):
         """Return how near the workspace comes to singularities, aspects, families and walls."""
         return singularity_run.singularity_tables(self)
 
+    @named
     def plot(self) -> Axes:
         """Draw the first three sections with the singular loci."""
         return draw_part(

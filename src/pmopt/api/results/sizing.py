@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from pmopt.analysis.sizing import actuators
+from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import InputError
 from pmopt.reporting.runs import capability_run
@@ -47,6 +48,7 @@ class Capability(Showing, actuators.Capability):
         """Return the table of that name."""
         return capability_run.capability_data(self)[self.frames.index(name)]
 
+    @named
     def plot(self) -> Axes:
         """Draw sections with how much of what the motors have is asked for.
 

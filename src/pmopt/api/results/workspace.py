@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from pmopt.analysis.workspace import compute
+from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
+from pmopt.errors import unknown_name
 from pmopt.reporting.tables import results as tables
 from pmopt.reporting.tables.table import Table, uncertain
 
@@ -57,6 +59,7 @@ class WorkspaceResult(Showing, compute.WorkspaceResult):
         """Return all numbers, a row each."""
         return tables.workspace_data(self)
 
+    @named
     def plot(self, what: Literal["histogram"] | Part = "histogram") -> Axes:
         """Draw the distribution of LCI, sections or the surface, cut open.
 
@@ -66,4 +69,6 @@ class WorkspaceResult(Showing, compute.WorkspaceResult):
 
         if what == "histogram":
             return axes_of(lambda: draw_histogram(self))
+        if what not in get_args(Part):
+            raise unknown_name("plot", what, ("histogram", *get_args(Part)))
         return draw_part(self._design, self.settings, what, self, self.seed, self._threads)

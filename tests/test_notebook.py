@@ -1,9 +1,12 @@
 """The notebook that does the paper again: every assertion in its cells holds."""
 
+import re
 import shutil
 from pathlib import Path
 
 import pytest
+
+import pmopt
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOK = ROOT / "notebooks" / "2pauu-ppap.ipynb"
@@ -30,6 +33,14 @@ def test_is_committed_without_outputs():
         assert cell.outputs == []
         assert cell.execution_count is None
         assert "execution" not in cell.metadata  # times of the last run
+
+
+def test_uses_the_public_interface_only():
+    text = "\n".join(cell.source for cell in code_cells(read()))
+    assert "import pmopt\n" in text
+    assert not re.search(r"(from|import) pmopt\.|pmopt\.(analysis|reporting|api)\b", text)
+    named = set(re.findall(r"\bpmopt\.(\w+)", text))
+    assert named <= set(pmopt.__all__)
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
 """Design of parallel mechanisms: workspace, dexterity and Pareto fronts with error bars.
 
 >>> import pmopt
->>> result = pmopt.workspace("2pauu-ppap", {"l1": 0.8}, samples=1_000_000)
+>>> design = pmopt.mechanism("2pauu-ppap").design(l1=0.8)
+>>> result = design.workspace(samples=1_000_000)
 >>> result.volume.value, result.volume.error
 
 The names below are loaded on first use, so that ``import pmopt`` costs nothing.
@@ -15,9 +16,14 @@ from typing import TYPE_CHECKING, Any
 from pmopt.version import __version__
 
 if TYPE_CHECKING:
+    from pmopt.analysis.record import Subject
     from pmopt.api import (
+        Design,
+        MechanismHandle,
         batch,
         capability,
+        certify,
+        certify_volume,
         fk,
         ik,
         jacobian,
@@ -29,38 +35,77 @@ if TYPE_CHECKING:
         pareto,
         simulate,
         singularities,
+        warmup,
         workspace,
     )
-    from pmopt.errors import PmoptError
+    from pmopt.api.results.certification import CertifiedVolume, Claim
+    from pmopt.api.results.kinematics import (
+        ForwardResult,
+        InverseResult,
+        JacobianResult,
+        MobilityResult,
+    )
+    from pmopt.api.results.runs import BatchResult, MotionRun, ParetoRun, SimulationRun
+    from pmopt.api.results.singularities import SingularityResult
+    from pmopt.api.results.sizing import Capability
+    from pmopt.api.results.workspace import WorkspaceResult
+    from pmopt.errors import (
+        InfeasibleError,
+        InputError,
+        InputErrors,
+        PmoptError,
+        UnreachableError,
+    )
 
+#: Names by the module that has them.
 _PLACES = {
-    **dict.fromkeys(
-        (
-            "batch",
-            "capability",
-            "fk",
-            "ik",
-            "jacobian",
-            "mechanism",
-            "mechanism_names",
-            "mjcf",
-            "mobility",
-            "motion",
-            "pareto",
-            "simulate",
-            "singularities",
-            "workspace",
-        ),
-        "pmopt.api",
+    "pmopt.analysis.record": ("Subject",),
+    "pmopt.api": (
+        "Design", "MechanismHandle", "batch", "capability", "certify", "certify_volume", "fk",
+        "ik", "jacobian", "mechanism", "mechanism_names", "mjcf", "mobility", "motion", "pareto",
+        "simulate", "singularities", "warmup", "workspace",
     ),
-    "PmoptError": "pmopt.errors",
-}
+    "pmopt.errors": (
+        "InfeasibleError", "InputError", "InputErrors", "PmoptError", "UnreachableError",
+    ),
+    "pmopt.api.results.kinematics": (
+        "ForwardResult", "InverseResult", "JacobianResult", "MobilityResult",
+    ),
+    "pmopt.api.results.runs": ("BatchResult", "MotionRun", "ParetoRun", "SimulationRun"),
+    "pmopt.api.results.certification": ("CertifiedVolume", "Claim"),
+    "pmopt.api.results.singularities": ("SingularityResult",),
+    "pmopt.api.results.sizing": ("Capability",),
+    "pmopt.api.results.workspace": ("WorkspaceResult",),
+}  # fmt: skip
+_PLACE = {name: module for module, names in _PLACES.items() for name in names}
 
 __all__ = [
+    "BatchResult",
+    "Capability",
+    "CertifiedVolume",
+    "Claim",
+    "Design",
+    "ForwardResult",
+    "InfeasibleError",
+    "InputError",
+    "InputErrors",
+    "InverseResult",
+    "JacobianResult",
+    "MechanismHandle",
+    "MobilityResult",
+    "MotionRun",
+    "ParetoRun",
     "PmoptError",
+    "SimulationRun",
+    "SingularityResult",
+    "Subject",
+    "UnreachableError",
+    "WorkspaceResult",
     "__version__",
     "batch",
     "capability",
+    "certify",
+    "certify_volume",
     "fk",
     "ik",
     "jacobian",
@@ -72,14 +117,17 @@ __all__ = [
     "pareto",
     "simulate",
     "singularities",
+    "warmup",
     "workspace",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
-        raise AttributeError(f"module 'pmopt' has no attribute {name!r}")
-    return getattr(importlib.import_module(_PLACES[name]), name)
+if not TYPE_CHECKING:  # a misspelt name is an error of the type checker too
+
+    def __getattr__(name: str) -> Any:
+        if name not in _PLACE:
+            raise AttributeError(f"module 'pmopt' has no attribute {name!r}")
+        return getattr(importlib.import_module(_PLACE[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -1272,7 +1272,7 @@ def test_leftovers_of_a_kill_are_removed(tmp_path, cut_off):
 @pytest.fixture
 def fragile(monkeypatch):
     """Let every design with a small l1 fail while it is made ready."""
-    kind = type(package.mechanism(MECH))
+    kind = type(package.mechanism(MECH).declaration)
     constants = kind.kernel_constants
 
     def failing(self, parameters, *rest):

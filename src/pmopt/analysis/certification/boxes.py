@@ -21,6 +21,7 @@ from pmopt.analysis.certification.budgets import Budget
 from pmopt.analysis.certification.enclosures import Enclosure, enclose
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
+from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.emptiness import explain
 from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper
@@ -66,7 +67,7 @@ VOLUME_READS = Reads("certify", PLACE | INDEX, instead=_INSTEAD)
 
 
 @dataclass(frozen=True)
-class CertifiedVolume:
+class CertifiedVolume(OfSubject):
     """Guaranteed bounds of a workspace's volume; every number in the unit that ``units`` gives.
 
     Attributes
@@ -87,12 +88,6 @@ class CertifiedVolume:
         What the index is of.
     """
 
-    mechanism: str
-    params: dict[str, float | None]
-    length_unit: str
-    working_mode: str
-    box: dict[str, tuple[float, float]]
-    limits: dict[str, tuple[float, float]]
     lower: float
     upper: float
     gap: float
@@ -217,12 +212,7 @@ def certify_volume(
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
     units |= dict.fromkeys(("volume", "lower", "upper"), mechanism.volume_unit)
     return CertifiedVolume(
-        mechanism=mechanism.name,
-        params=dict(design.parameters),
-        length_unit=mechanism.length_unit,
-        working_mode=sweeper.working_mode,
-        box=dict(design.given),
-        limits=dict(design.limits),
+        subject=sweeper.subject(design),
         lower=lower,
         upper=upper,
         gap=_relative(lower, upper),
@@ -435,7 +425,7 @@ def _above(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class Claim:
+class Claim(OfSubject):
     """A claim about every reachable pose of a box, and what became of it.
 
     Attributes
@@ -463,14 +453,8 @@ class Claim:
         What rules all poses out, where none is reachable.
     """
 
-    mechanism: str
-    params: dict[str, float | None]
-    length_unit: str
-    working_mode: str
     norm: str
     index_note: str
-    box: dict[str, tuple[float, float]]
-    limits: dict[str, tuple[float, float]]
     claim: str
     min_lci: float | None
     verdict: Verdict
@@ -586,16 +570,11 @@ def certify_claim(
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
     units |= dict.fromkeys(("min_lci", "witness_lci", "open_share"), ONE)
     return Claim(
-        mechanism=mechanism.name,
-        params=dict(design.parameters),
-        length_unit=mechanism.length_unit,
-        working_mode=sweeper.working_mode,
+        subject=sweeper.subject(design),
         norm=settings.norm,
         index_note=index_note(
             sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
-        box=dict(design.given),
-        limits=dict(design.limits),
         claim=f"LCI >= {exact(least)} at every reachable pose" if least > 0 else
         "no reachable pose is singular",
         min_lci=least if least > 0 else None,

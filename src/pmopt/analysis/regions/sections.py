@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.regions.surface import surface_nets
 from pmopt.analysis.workspace.aspects import determinants
 from pmopt.analysis.workspace.cells import lattice_points
@@ -23,6 +24,10 @@ _LOCATE = 97
 #: Located again where it fills less than this share of the box's side, at most so often in all.
 _CLOSER, _MOST_CLOSER = 0.3, 3
 _MOST_SECTIONS = 6
+#: Settings that change a section: nothing is sampled.
+READS = Reads(
+    "sections", PLACE | INDEX | CHECKS | {"min_lci", "aspect", "block"}, {"tool": TOOL_NEEDS}
+)
 #: A workspace counts as symmetric if mirrored areas differ by less than this share of it.
 _SYMMETRIC = 0.02
 #: A section shows something if it has at least this share of the largest section's area.

@@ -18,6 +18,7 @@ import numpy as np
 from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
 from pmopt.analysis.kinematics.solve import homogenize, of_limb
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
+from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.singularities.families import Family, find_families
 from pmopt.analysis.singularities.touching import least_along
@@ -99,12 +100,9 @@ class Aspect:
 
 
 @dataclass(frozen=True)
-class SingularityResult:
+class SingularityResult(OfSubject):
     """What :func:`find_singularities` found."""
 
-    mechanism: str
-    params: dict[str, float | None]
-    working_mode: str
     home: dict[str, float]
     home_lci: float
     jacobian: str
@@ -237,9 +235,7 @@ def find_singularities(
     units |= {"volume": mechanism.volume_unit, "share": ONE, "lci": ONE, "smallest": ONE}
     units |= {"characteristic_length": mechanism.length_unit, "smallest_singular_value": ONE}
     return SingularityResult(
-        mechanism=mechanism.name,
-        params=dict(design.parameters),
-        working_mode=sweeper.working_mode,
+        subject=sweeper.subject(design),
         home=home,
         home_lci=float(lci[0]) if inside else 0.0,
         jacobian=sweeper.jacobian,

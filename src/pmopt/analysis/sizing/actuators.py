@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.motion.dynamics import Mover, angular_motion
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, WITH_MIN_LCI, Reads
+from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import MAX_SAMPLES, WorkspaceSettings
 from pmopt.analysis.sizing.twists import Motions
 from pmopt.analysis.workspace.estimates import Estimate
@@ -178,7 +179,7 @@ class Demand:
 
 
 @dataclass(frozen=True)
-class Capability:
+class Capability(OfSubject):
     """Where the motors are strong and fast enough.
 
     Attributes
@@ -187,9 +188,6 @@ class Capability:
         Reachable, within all limits, and the latter as a share.
     """
 
-    mechanism: str
-    params: Parameters
-    working_mode: str
     task: Task
     volume: Estimate
     capable: Estimate
@@ -519,9 +517,7 @@ def compute_capability(
         value = sum(capable) / total
         part_kept = Estimate(value, max(_error(shares, value), 1 / reachable))
     return Capability(
-        mechanism=mechanism.name,
-        params=dict(parameters),
-        working_mode=mode,
+        subject=sweeper.subject(design),
         task=task,
         volume=_mean(whole, part),
         capable=_mean(capable, part),

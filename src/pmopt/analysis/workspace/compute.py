@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import TOOL_NEEDS, Reads, tool_is_read
+from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import (
     DEFAULT_REPLICATES,
     DEFAULT_SAMPLES,
@@ -83,13 +84,9 @@ class Region:
 
 
 @dataclass(frozen=True)
-class WorkspaceResult:
+class WorkspaceResult(OfSubject):
     """A workspace: every number in the unit that ``units`` gives."""
 
-    mechanism: str
-    params: dict[str, float | None]
-    length_unit: str
-    working_mode: str
     norm: str
     jacobian: JacobianKind
     characteristic_length: float | None
@@ -97,8 +94,6 @@ class WorkspaceResult:
     seed: int
     grid: int | None
     replicates: int
-    box: dict[str, tuple[float, float]]
-    limits: dict[str, tuple[float, float]]
     settings: WorkspaceSettings
     volume: Estimate
     volume_unit: str
@@ -456,10 +451,7 @@ def _result(
     units["J"] = entry_units(mechanism, settings.block)
     counts: list[float] = tallies.histogram[0].sum(axis=0).tolist()
     return WorkspaceResult(
-        mechanism=mechanism.name,
-        params=dict(design.parameters),
-        length_unit=mechanism.length_unit,
-        working_mode=sweeper.working_mode,
+        subject=sweeper.subject(design),
         norm=settings.norm,
         jacobian=sweeper.jacobian,
         characteristic_length=design.length if sweeper.jacobian == "homogenized" else None,
@@ -467,8 +459,6 @@ def _result(
         seed=sweeper.seed,
         grid=settings.grid,
         replicates=tallies.reachable.shape[1],
-        box=dict(design.given),
-        limits=dict(design.limits),
         settings=settings,
         volume=estimates.volume,
         volume_unit=unit,

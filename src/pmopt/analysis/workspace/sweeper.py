@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.record import Subject
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.compiler.machine_code import Compiled
 from pmopt.compiler.program_text import ENTRIES, PLACE, Recipe, specialise
@@ -241,6 +242,17 @@ class Sweeper:
                 line=mechanism.line, line_axis=mechanism.line_axis, line_parts=mechanism.line_parts
             )
             self._sweep = specialise(lines, on_compile)
+
+    def subject(self, design: Design) -> Subject:
+        """Return what results of a design are of."""
+        return Subject(
+            mechanism=self.mechanism.name,
+            params=dict(design.parameters),
+            length_unit=self.mechanism.length_unit,
+            working_mode=self.working_mode,
+            box=dict(design.given),
+            limits=dict(design.limits),
+        )
 
     def design(self, parameters: Parameters) -> Design:
         """Return a design ready to be swept, its box cut to the domain."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +53,14 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
     dict of str to bytes
         PNG by file name.
     """
+    gallery = Gallery()
+    for name, draw in quantities(motion, mechanism).items():
+        gallery.add(f"{name}.png", draw)
+    return gallery
+
+
+def quantities(motion: Motion, mechanism: Mechanism) -> dict[str, Callable[[], bytes]]:
+    """Return what draws each group of quantities that the motion has, by its name."""
     series = columns(motion, mechanism)
     joints = [c.name for c in motion.joints.coordinates]
     poses = [c.name for course in (motion.pose, motion.parasitic) for c in course.coordinates]
@@ -67,7 +75,7 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
         "efforts": ("efforts of the actuators", [f"{n}_effort" for n in joints]),
         "power": ("power of the actuators", [f"{n}_power" for n in joints]),
     }  # fmt: skip
-    gallery = Gallery()
+    found: dict[str, Callable[[], bytes]] = {}
     for file, (title, names) in groups.items():
         known = [name for name in names if name in series]
         units = dict.fromkeys(series[name].unit for name in known)
@@ -78,15 +86,12 @@ def draw_motion(motion: Motion, mechanism: Mechanism) -> dict[str, bytes]:
         ]  # fmt: skip
         if panels:
             rows = [[panel] for panel in panels]
-            gallery.add(f"{file}.png", functools.partial(_draw, motion, mechanism, title, rows))
+            found[file] = functools.partial(_draw, motion, mechanism, title, rows)
     if motion.centres:
-        gallery.add(
-            "centres.png",
-            lambda: _draw(
-                motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
-            ),
+        found["centres"] = lambda: _draw(
+            motion, mechanism, "centres of mass", _centre_panels(motion, mechanism.length_unit)
         )
-    return gallery
+    return found
 
 
 def _short(name: str) -> str:

@@ -43,6 +43,8 @@ FORMS = ("png", "svg", "pdf")
 #: What each form would say of time and program.
 _METADATA = {"png": ("Software",), "svg": ("Date",), "pdf": ("Creator", "Producer", "CreationDate")}
 _FORM: ContextVar[str] = ContextVar("form", default="png")
+#: Where figures go that are wanted as figures, not as bytes.
+_KEPT: ContextVar[list[Figure] | None] = ContextVar("kept", default=None)
 COLOURS = "viridis"
 INK, FAINT, LINE = "#222222", "#808080", "#0072B2"
 _STYLE: dict[str, Any] = {
@@ -92,8 +94,13 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
     with _SETTINGS, _silence(), matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
-        figure = Figure((width, height), dpi=_DPI, facecolor="white")
-        FigureCanvasAgg(figure)
+        if _KEPT.get() is None:
+            figure = Figure((width, height), dpi=_DPI, facecolor="white")
+            FigureCanvasAgg(figure)
+        else:
+            from matplotlib import pyplot
+
+            figure = pyplot.figure(figsize=(width, height), dpi=_DPI, facecolor="white")
         yield figure
 
 
@@ -159,10 +166,29 @@ def to_picture(figure: Figure) -> bytes:
 
     It is a PNG, or what :func:`drawn_as` says.
     """
+    kept = _KEPT.get()
+    if kept is not None:
+        figure.draw_without_rendering()  # while the style holds
+        kept.append(figure)
+        return b""
     buffer = io.BytesIO()
     form = _FORM.get()
     figure.savefig(buffer, format=form, metadata=dict.fromkeys(_METADATA[form]))
     return buffer.getvalue()
+
+
+@contextmanager
+def kept_figures() -> Iterator[list[Figure]]:
+    """Within a block pictures stay figures, known to pyplot, and no bytes are made of them.
+
+    For those who look at them in a notebook and go on with their axes.
+    """
+    figures: list[Figure] = []
+    token = _KEPT.set(figures)
+    try:
+        yield figures
+    finally:
+        _KEPT.reset(token)
 
 
 @contextmanager

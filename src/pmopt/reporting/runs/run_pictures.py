@@ -33,7 +33,7 @@ from pmopt.reporting.runs.run_folder import MANIFEST, read_manifest
 from pmopt.reporting.runs.tasks import WorkspaceTask
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     import pandas as pd
 
@@ -47,8 +47,7 @@ def of_workspace(
     """Return histogram, 3-D picture and sections by file name."""
     sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
     design = sweeper.design(task.parameters)
-    what = "the tool point" if task.settings.tool else "the platform's centre"
-    remarks = [f"positions of {what}, coloured by the largest LCI met there"]
+    remarks = _of_positions(task)
     gallery = Gallery()
     gallery.add("lci_histogram.png", lambda: workspace_plots.draw_histogram(result))
     gallery.add_all(
@@ -64,6 +63,38 @@ def of_workspace(
     )
     gallery.add_all("mechanism.png", lambda: _drawn_mechanism(task))
     return gallery
+
+
+def draw_part(
+    task: WorkspaceTask, result: WorkspaceResult, part: str, threads: int | None = None
+) -> bytes:
+    """Draw one picture of a workspace.
+
+    Parameters
+    ----------
+    task : WorkspaceTask
+    result : WorkspaceResult
+        Of the same design.
+    part : {"sections", "surface", "positions"}
+        Of the sections the first three; a surface needs three coordinates and positions a pose
+        that is none: each stands for the other where there is none.
+    threads : int, optional
+    """
+    sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
+    design = sweeper.design(task.parameters)
+    if part == "sections":
+        return workspace_plots.draw_sections(section_fields(sweeper, design)[:3], result)
+    mesh, remarks = position_field(sweeper, design), _of_positions(task)
+    if mesh is None or (part == "surface" and len(task.mechanism.pose) == 3):
+        mesh, remarks = surface_field(sweeper, design), []
+    if mesh is None:
+        raise InputError(f"plot: {task.mechanism.name} has no picture of its {part}")
+    return workspace_plots.draw_surface(mesh, result, remarks)
+
+
+def _of_positions(task: WorkspaceTask) -> list[str]:
+    what = "the tool point" if task.settings.tool else "the platform's centre"
+    return [f"positions of {what}, coloured by the largest LCI met there"]
 
 
 def _drawn_surface(
@@ -125,6 +156,16 @@ def of_pareto(
     manifest : mapping
         ``mechanism``, ``config`` and ``result`` of the run's manifest.
     """
+    gallery = Gallery()
+    for name, draw in of_search(tables, units, manifest).items():
+        gallery.add(f"{name}.png", draw)
+    return gallery
+
+
+def of_search(
+    tables: Mapping[str, pd.DataFrame], units: Mapping[str, str], manifest: Mapping[str, Any]
+) -> dict[str, Callable[[], bytes]]:
+    """Return what draws ``front`` and ``history``, see :func:`of_pareto`."""
     front, history = (
         {str(name): column.to_numpy() for name, column in tables[table].items()}
         for table in ("front", "history")
@@ -140,22 +181,16 @@ def of_pareto(
     knee = int(result["knee"]["design"]) - 1
     colour = influential(front, ranges, result["idle_directions"], objectives)
     reference = reference_text(result, units, objectives)
-    gallery = Gallery()
-    gallery.add(
-        "front.png",
-        lambda: draw_front(
+    return {
+        "front": lambda: draw_front(
             front, units, parameters, objectives, title=title, notes=[reference], knee=knee,
             colour_by=colour,
         ),
-    )  # fmt: skip
-    gallery.add(
-        "history.png",
-        lambda: draw_history(
+        "history": lambda: draw_history(
             history, units, objectives, title=f"{manifest['mechanism']}: course of the search",
             notes=["on the samples of the search", f"measured finely: {reference}"],
         ),
-    )  # fmt: skip
-    return gallery
+    }  # fmt: skip
 
 
 def of_folder(folder: Path, threads: int | None = None) -> dict[str, bytes]:

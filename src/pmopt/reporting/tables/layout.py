@@ -128,7 +128,7 @@ def lay_out(table: Table, width: int | None, style: Style | None = None) -> list
         Default: open.
     """
     style = style or Style()
-    kept = _kept(table)
+    kept = seen(table)
     if not table.rows or not kept:
         return []
     if width is None:
@@ -147,7 +147,7 @@ def lay_out(table: Table, width: int | None, style: Style | None = None) -> list
     return _cut(table, kept, width, style)
 
 
-def _kept(table: Table) -> list[int]:
+def seen(table: Table) -> list[int]:
     """Return the columns that people see: those for them in which there is anything."""
     return [
         k

@@ -27,6 +27,7 @@ COMMANDS = {
     "ik": ("pmopt.cli.pose", "Inverse kinematics: joint positions of a pose."),
     "fk": ("pmopt.cli.pose", "Forward kinematics: poses of joint positions."),
     "jacobian": ("pmopt.cli.pose", "Jacobian, LCI and distance to singularities at a pose."),
+    "check": ("pmopt.cli.check", "Hold a mechanism against itself, for who writes one."),
     "mobility": ("pmopt.cli.mobility", "Freedoms and constraints from the declared joints."),
     "workspace": ("pmopt.cli.workspace", "Volume, dexterity and shape of a workspace."),
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from pmopt.cli.options import common_options, mechanism_argument, seed_option
+from pmopt.cli.options import any_mechanism_argument, common_options, seed_option
 from pmopt.cli.output import emit
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting.tables.examination import examination_data, examination_tables
@@ -12,12 +12,10 @@ from pmopt.testing import examine
 
 
 @click.command("check")
-@mechanism_argument
+@any_mechanism_argument
 @seed_option
 @common_options
-def check_command(
-    mechanism: Mechanism, seed: int, form: str, quiet: bool, debug: bool
-) -> None:  # fmt: skip
+def check_command(mechanism: Mechanism, seed: int, form: str, quiet: bool, debug: bool) -> None:
     """Hold a mechanism against itself: what each of its parts says of the same poses.
 
     For who writes a mechanism. Kernel, inverse and forward kinematics, Jacobian, layout, posture,

@@ -21,7 +21,10 @@ ROLES = ("x", "y", "z", "yaw", "pitch", "roll")
 #: Axes of each kind of joint.
 AXES: dict[JointKind, int] = {"R": 1, "P": 1, "C": 1, "U": 2, "S": 0, "Pa": 1}
 #: Names that mean something else on the command line and in files, and endings that do.
-_TAKEN = ("tool_x", "tool_y", "tool_z", "volume", "projected_volume", "footprint")
+_TAKEN = (
+    "tool_x", "tool_y", "tool_z", "volume", "projected_volume", "footprint", "t", "time",
+    "residual", "characteristic_length", "space", "duration", "step", "constants",
+)  # fmt: skip
 _ENDINGS = ("_deg", "_rate", "_acceleration", "_effort", "_power")
 _NAME = re.compile(r"[^\W\d]\w*")
 _WIDE = 1e-9

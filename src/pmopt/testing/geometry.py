@@ -247,6 +247,7 @@ def check_skeleton(found: Examination, subject: Subject) -> None:
                     continue
                 for what, point in (("begins", start), ("ends", end)):
                     gap = min(_off(point, joint) for joint in chains[limb].joints)
+                    gap = min(gap, _distance(point, place))  # a link that is the platform
                     c.agree(
                         gap / subject.size,
                         f"segment {k} {what} {gap:.3g} {unit} off every joint of "

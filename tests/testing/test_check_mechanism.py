@@ -1,13 +1,16 @@
 """The check of a mechanism: what ships holds it, and each thing wrong is found and named."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from pmopt.errors import PmoptError
 from pmopt.mechanisms import find
+from pmopt.mechanisms.catalogue.cur import Cur
 from pmopt.mechanisms.catalogue.pauu_ppap import PauuPpap, kernel, line, posture, skeleton
+from pmopt.mechanisms.catalogue.uu_upu import UuUpu
 from pmopt.mechanisms.mechanism import Coordinate, Parameter
 from pmopt.testing import MechanismError, check_mechanism, examine
 
@@ -60,6 +63,10 @@ def of_a_list(x, y, z, constants):
 
 def short_line(x, y, z, low, high, constants):
     return line(x, y, z, low, high, constants)[:2]
+
+
+def narrow_line(x, y, z, low, high, constants):
+    return (-0.01, 0.0, 0.0, 0.01)
 
 
 def short_skeleton(x, y, z, constants):
@@ -198,6 +205,13 @@ def only_above(self, parameters, limits=None):
     return {"z": (1.0, 2.0)}
 
 
+def joints_renamed(self, parameters, pose):
+    return tuple(
+        replace(s, joints={**s.joints, "slide": s.joints["d"]})
+        for s in PauuPpap.inverse(self, parameters, pose)
+    )
+
+
 Y = np.array([0.0, 1.0, 0.0])
 AS_A_POSE = (*PauuPpap.parameters[1:], Parameter("x", "length", 1.0, None, True, "x", "us"))
 ODD = Parameter("m", "length", 1.0, (2.0, 1.5), True, "m", "us")
@@ -245,6 +259,8 @@ BROKEN = {
     "a margin too wide": ({"kernel": staticmethod(wider)}, "kernel-margin", "kernel"),
     "a limit the kernel forgets": ({"pose_limits": only_above}, "kernel-margin", "kernel"),
     "a box too small": ({"reach_box": narrow_box}, "box", "reach_box"),
+    "a line beside what is reachable": ({"line": staticmethod(narrow_line)}, "line", "line"),
+    "a joint of inverse without a name": ({"inverse": joints_renamed}, "home", "inverse"),
     "a Jacobian of another sign": (
         {"velocity_maps": turned_maps}, "jacobian-differences", "velocity_maps"),
     "a Jacobian that is not square": (
@@ -299,3 +315,25 @@ def test_a_number_that_is_wrong_has_a_unit_and_a_pose():
     found = examine(changed(velocity_maps=turned_maps)).findings[0]
     assert "rad/m" in found.text
     assert " at x = " in found.text
+
+
+class Parasitic(UuUpu):
+    """Of which a parasitic coordinate is told from another zero."""
+
+    def inverse(self, parameters, pose):
+        found = UuUpu.inverse(self, parameters, pose)
+        return tuple(replace(s, parasitic={**s.parasitic, "z": -s.parasitic["z"]}) for s in found)
+
+
+class Followed(Cur):
+    """Of which passive joints follow the wrong freedoms."""
+
+    followed: ClassVar = {
+        name: tuple((limb, number, -weight) for limb, number, weight in terms)
+        for name, terms in Cur.followed.items()
+    }
+
+
+@pytest.mark.parametrize(("broken", "check"), [(Parasitic, "platform"), (Followed, "followed")])
+def test_what_follows_from_the_pose_is_looked_at(broken, check):
+    assert (check, check) in {(f.check, f.place) for f in examine(broken()).findings}

@@ -51,6 +51,7 @@ _STAGES = (
     (
         kinematics.check_margin,
         kinematics.check_box,
+        kinematics.check_line,
         kinematics.check_velocity_maps,
         kinematics.check_entries,
         kinematics.check_determinant,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -32,14 +33,20 @@ def check_platform(found: Examination, subject: Subject) -> None:
             )
             c.require(float(np.linalg.det(rotation)) > 0, "returns a reflection")
             values = dict(zip(ROLES, _coordinates(rotation, place), strict=True))
-            for role, coordinate in zip(mechanism.roles, mechanism.pose, strict=False):
-                told = values.get(role, sample.solution.joints.get(role, np.nan))
-                given = sample.pose[coordinate.name]
-                size = subject.size if coordinate.kind == "length" else 1.0
+            known = {**sample.pose, **sample.solution.parasitic}
+            for role, coordinate in (
+                *zip(mechanism.roles, mechanism.pose, strict=False),
+                *zip(mechanism.parasitic_roles, mechanism.parasitic, strict=False),
+            ):
+                is_of = values.get(role, sample.solution.joints.get(role, np.nan))
+                given = known[coordinate.name]
+                gap = is_of - given
+                if coordinate.kind == "angle":
+                    gap = math.remainder(gap, 2 * math.pi)
                 c.agree(
-                    abs(told - given) / size,
-                    f"{role} is {told:.6g} {mechanism.unit(coordinate)}, the pose has "
-                    f"{coordinate.name} = {given:.6g}",
+                    abs(gap) / (subject.size if coordinate.kind == "length" else 1.0),
+                    f"{role} is {is_of:.6g} {mechanism.unit(coordinate)}, but {coordinate.name} is "
+                    f"{given:.6g}",
                 )
 
 
@@ -138,6 +145,8 @@ def check_screws(found: Examination, subject: Subject) -> None:
                 f"by the joints d{names[i]}/d{mechanism.pose[j].name} is {rates[i, j]:.6g} {unit}, "
                 f"by the velocity maps {inverse[i, j]:.6g}",
             )
+    if mechanism.followed:
+        _check_followed(found, subject, twists, layouts)
     compared = "number and kind of freedoms by the joints against those declared"
     with found.check("freedom", "freedom", compared) as c:
         for k, sample in enumerate(moved):
@@ -159,6 +168,46 @@ def check_screws(found: Examination, subject: Subject) -> None:
                     left >= wanted,
                     f"{mechanism.freedom} is declared, the joints leave {left}{letter}",
                 )
+
+
+def _check_followed(
+    found: Examination,
+    subject: Subject,
+    twists: dict[int, tuple[Matrix, Matrix] | None],
+    layouts: list[tuple[Chain, ...]],
+) -> None:
+    """The passive joints that motions show move as the freedoms they are declared as."""
+    mechanism = subject.mechanism
+    compared = "rates of followed joints by the layout against differences of inverse"
+    with found.check("followed", "followed", compared, BY_DIFFERENCES) as c:
+        for k, sample in enumerate(subject.samples):
+            motion = twists[k]
+            if motion is None:
+                continue
+            c.at = subject.shown(sample.pose, sample.mode)
+            rates = [
+                np.linalg.pinv(screws.limb_twists(limb)) @ motion[0]
+                for limb in _scaled(subject, sample, layouts[k])
+            ]
+            for name, terms in mechanism.followed.items():
+                kinds = [x.kind for x in mechanism.passive if of_limb(x.name, name)]
+                size = subject.size if kinds == ["length"] else 1.0
+                about = sample.solution.passive[name]
+                for j, coordinate in enumerate(mechanism.pose):
+                    values = []
+                    for _, solution in subject.neighbours(sample, j):
+                        moved = solution.passive[name] - about
+                        turned = math.remainder(moved, 2 * math.pi) if size == 1.0 else moved
+                        values.append(np.array([turned / size]))
+                    (slope,), (error,) = subject.slope(values, j)
+                    rate = sum(weight * rates[limb][number, j] for limb, number, weight in terms)
+                    scale = subject.size if coordinate.kind == "length" else 1.0
+                    gap = max(abs(float(rate - slope)) - 2 * float(error), 0.0) * scale
+                    c.agree(
+                        gap / max(1.0, abs(float(slope)) * scale),
+                        f"d{name}/d{coordinate.name} by the joints is {float(rate) * size:.6g}, by "
+                        f"differences of inverse {float(slope) * size:.6g}",
+                    )
 
 
 def _scaled(subject: Subject, sample: Sample, chains: tuple[Chain, ...]) -> list[Chain]:

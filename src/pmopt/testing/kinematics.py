@@ -8,8 +8,8 @@ import numpy as np
 
 from pmopt.analysis.kinematics.solve import of_limb
 from pmopt.mechanisms.assembling import assemble_plainly
-from pmopt.mechanisms.mechanism import InverseSolution, Matrix, Ranges, within
-from pmopt.testing.findings import Examination
+from pmopt.mechanisms.mechanism import InverseSolution, Matrix, Mechanism, Ranges, within
+from pmopt.testing.findings import Comparison, Examination
 from pmopt.testing.subject import Sample, Subject
 
 #: Allowed deviation of numbers that come of one formula, and of differences.
@@ -31,7 +31,10 @@ def check_home(found: Examination, subject: Subject) -> None:
     ) as c:
         mode = mechanism.working_modes[0]
         c.at = subject.shown(subject.home, mode)
-        if c.require(subject.solution(subject.home, mode) is not None, "is not reachable"):
+        solutions = mechanism.inverse(subject.parameters, subject.home)
+        for solution in solutions:
+            _named_as_declared(c, mechanism, solution)
+        if c.require(any(s.working_mode == mode for s in solutions), "is not reachable"):
             margin, *entries = mechanism.kernel(
                 *subject.home.values(), subject.constants(mode, subject.size, subject.limits)
             )
@@ -53,6 +56,46 @@ def check_home(found: Examination, subject: Subject) -> None:
                 count > 0 or mode != mechanism.working_modes[0],
                 f"hardly a pose of the box is reachable ({mode})",
             )
+
+
+def _named_as_declared(c: Comparison, mechanism: Mechanism, solution: InverseSolution) -> None:
+    """Note names of a solution that are not those declared."""
+    for given, declared in (
+        (solution.joints, mechanism.joints),
+        (solution.parasitic, mechanism.parasitic),
+    ):
+        wanted = [x.name for x in declared]
+        c.require(
+            list(given) == wanted,
+            f"returns {', '.join(given) or 'nothing'} where {', '.join(wanted) or 'nothing'} is "
+            "declared",
+            "inverse",
+        )
+
+
+def check_line(found: Examination, subject: Subject) -> None:
+    """Every reachable pose lies on the parts that the line leaves; parts ascend."""
+    mechanism = subject.mechanism
+    if mechanism.line is None:
+        return
+    axis = mechanism.line_axis
+    name, unit = mechanism.pose[axis].name, mechanism.unit(mechanism.pose[axis])
+    low, high = (float(end[axis]) for end in subject.box)
+    with found.check("line", "line", "reachable poses on the parts that the line leaves") as c:
+        for sample in subject.samples:
+            c.at = subject.shown(sample.pose, sample.mode)
+            constants = subject.constants(sample.mode, 1.0, subject.limits)
+            flat = mechanism.line(*sample.pose.values(), low, high, constants)
+            parts = [(a, b) for a, b in zip(flat[::2], flat[1::2], strict=True) if a < b]
+            near = _ON_LIMIT * (high - low)
+            value = sample.pose[mechanism.pose[axis].name]
+            shown = ", ".join(f"{a:.6g} to {b:.6g}" for a, b in parts) or "nothing"
+            c.require(
+                any(a - near <= value <= b + near for a, b in parts),
+                f"leaves {shown} {unit} of {name}, but a pose beside is reachable:",
+            )
+            ends = [end for part in parts for end in part]
+            c.require(ends == sorted(ends), f"leaves {shown} {unit}, which do not ascend")
 
 
 def _some_limits(subject: Subject, mode: str) -> Ranges:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import five_bar, gough, naive
+from support import five_bar, gough, naive, planar
 from support.poses import box, random_poses, reachable, ready
 
 from pmopt.analysis.kinematics.solve import inverse_kinematics, jacobian_at, of_limb
@@ -20,8 +20,9 @@ from pmopt.mechanisms.mechanism import within
 from pmopt.mechanisms.registry import collect
 from pmopt.numerics.sequences import make_grid
 
-#: Those of the catalogue, one of two coordinates in a plane and one of six, by name.
-EVERY = {m.name: m for m in (*map(find, names()), five_bar.MECHANISM, gough.MECHANISM)}
+#: Those of the catalogue, two that are planar and one of six coordinates, by name.
+OTHERS = (five_bar.MECHANISM, planar.MECHANISM, gough.MECHANISM)
+EVERY = {m.name: m for m in (*map(find, names()), *OTHERS)}
 # Of the eight modes of 3-CUR the default limits (links upwards) leave the first.
 MODES = [
     (name, mode)

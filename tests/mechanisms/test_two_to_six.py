@@ -1,10 +1,10 @@
-"""A planar mechanism of two coordinates and one of six, as plug-ins, through every command."""
+"""Planar mechanisms of two and three coordinates and one of six, through every command."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support import five_bar, gough, naive, plugins
+from support import five_bar, gough, naive, planar, plugins
 from support.cli_runner import answer, here, json_answer
 
 from pmopt.analysis.certification.enclosures import enclose
@@ -17,22 +17,29 @@ from pmopt.mechanisms import registry
 from pmopt.reporting.pictures.drawing import draw_mechanism
 from pmopt.testing import check_mechanism, kept
 
-MECHANISMS = {m.name: m for m in (five_bar.MECHANISM, gough.MECHANISM)}
+MECHANISMS = {m.name: m for m in (five_bar.MECHANISM, planar.MECHANISM, gough.MECHANISM)}
 POSES = {
     "five-bar": "x=0.1,y=0.7",
+    "3-rrr": "x=0.02,y=0.01,phi=0.3",
     "6-ups": "x=0,y=0.02,z=0.55,yaw=0.1,pitch=0,roll=0.05",
 }
 MOTIONS = {
     "five-bar": 'x = "0.1*sin(pi*t)"\ny = "0.7 + 0.05*cos(pi*t)"\n',
+    "3-rrr": 'x = "0.02*sin(pi*t)"\ny = "0.01"\nphi = "0.3 + 0.1*sin(pi*t)"\n',
     "6-ups": 'x = "0.05*sin(pi*t)"\ny = "0.03*cos(pi*t)"\nz = "0.55"\nyaw = "0.1*sin(pi*t)"\n'
     'pitch = "0.05*sin(pi*t)"\nroll = "0.02*t"\n',
 }
 BOXES = {
     "five-bar": "x=-0.05:0.05,y=0.7:0.75",
+    "3-rrr": "x=-0.01:0.01,y=-0.01:0.01,phi=0.29:0.31",
     "6-ups": "z=0.54:0.56,"
     + ",".join(f"{c}=-0.01:0.01" for c in ("x", "y", "yaw", "pitch", "roll")),
 }
-SEARCHED = {"five-bar": "a = [0.1, 0.4]\nl1 = [0.3, 0.9]\n", "6-ups": "r = [0.25, 0.4]\n"}
+SEARCHED = {
+    "five-bar": "a = [0.1, 0.4]\nl1 = [0.3, 0.9]\n",
+    "3-rrr": "r = [0.1, 0.2]\n",
+    "6-ups": "r = [0.25, 0.4]\n",
+}
 every = pytest.mark.parametrize("name", MECHANISMS)
 
 
@@ -44,6 +51,7 @@ def plugged(monkeypatch, tmp_path):
         site,
         {
             "five-bar": ("five_bar:MECHANISM", (five_bar.FOLDER / "five_bar.py").read_text()),
+            "planar": ("plugged_planar:MECHANISM", Path(planar.__file__).read_text()),
             "gough": ("plugged_gough:MECHANISM", Path(gough.__file__).read_text()),
         },
     )
@@ -92,8 +100,10 @@ def test_index_is_that_of_the_velocity_maps(name):
     assert result.lci == pytest.approx(naive.inverse_condition(inverse, "2"), abs=1e-10)
 
 
-@pytest.mark.parametrize(("name", "freedom", "kind"), [("five-bar", 2, "1T1R"),
-                                                       ("6-ups", 6, "3T3R")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "freedom", "kind"),
+    [("five-bar", 2, "1T1R"), ("3-rrr", 3, "2T1R"), ("6-ups", 6, "3T3R")],
+)
 def test_mobility(name, freedom, kind):
     found = mobility_of(MECHANISMS[name], samples=3)
     assert (found.freedom, found.kind, found.full_cycle.freedom) == (freedom, kind, freedom)

@@ -337,3 +337,16 @@ class Followed(Cur):
 @pytest.mark.parametrize(("broken", "check"), [(Parasitic, "platform"), (Followed, "followed")])
 def test_what_follows_from_the_pose_is_looked_at(broken, check):
     assert (check, check) in {(f.check, f.place) for f in examine(broken()).findings}
+
+
+@pytest.mark.parametrize("missing", ["freedom", "parameters", "roles"])
+def test_what_is_not_declared_is_named(missing):
+    class Undeclared(PauuPpap):
+        def __getattribute__(self, name):
+            if name == missing:
+                raise AttributeError(f"no attribute {name!r}", name=name, obj=self)
+            return super().__getattribute__(name)
+
+    (finding, *_) = examine(Undeclared()).findings
+    assert "raises AttributeError: no attribute" in finding.text
+    assert examine(object()).findings

@@ -21,7 +21,8 @@ def examine(mechanism: Mechanism, seed: int = 1) -> Examination:
         Of the poses.
     """
     found = Examination(str(getattr(mechanism, "name", type(mechanism).__name__)))
-    declarations.check_words(found, mechanism)
+    with found.guard("declarations"):
+        declarations.check_words(found, mechanism)
     if not found.held:
         return found
     with found.check("defaults", "parameters", "the default design") as c:

@@ -161,7 +161,8 @@ class Examination:
         try:
             yield
         except Exception as error:
-            self.findings.append(Finding(name, type(error).__name__, _raised(error)))
+            place = getattr(error, "name", None) or "Mechanism"
+            self.findings.append(Finding(name, str(place), _raised(error)))
 
 
 def _raised(error: Exception) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import naive
+from support import five_bar, gough, naive, planar
 from support.poses import box, random_poses, reachable, ready
 
 from pmopt.analysis.kinematics.solve import inverse_kinematics, jacobian_at, of_limb
@@ -20,17 +20,26 @@ from pmopt.mechanisms.mechanism import within
 from pmopt.mechanisms.registry import collect
 from pmopt.numerics.sequences import make_grid
 
+#: Those of the catalogue, two that are planar and one of six coordinates, by name.
+OTHERS = (five_bar.MECHANISM, planar.MECHANISM, gough.MECHANISM)
+EVERY = {m.name: m for m in (*map(find, names()), *OTHERS)}
 # Of the eight modes of 3-CUR the default limits (links upwards) leave the first.
 MODES = [
     (name, mode)
-    for name in names()
-    for k, mode in enumerate(find(name).working_modes)
-    if len(find(name).working_modes) <= 4 or k == 0
+    for name, mechanism in EVERY.items()
+    for k, mode in enumerate(mechanism.working_modes)
+    if len(mechanism.working_modes) <= 4 or k == 0
 ]
 #: Mechanisms whose kernels solve for coordinates by iteration: beyond the end of a solution the
 #: last iterate depends on rounding, and the margin jumps where the iteration fails.
 ITERATED = ("3-cur", "2uu-upu")
 in_every_mode = pytest.mark.parametrize(("name", "mode"), MODES)
+
+
+@pytest.fixture(params=EVERY)
+def every_mechanism(request):
+    """Return each mechanism in turn, those that are not of the catalogue too."""
+    return EVERY[request.param]
 
 
 def some_limits(mechanism, params, mode=None):
@@ -49,7 +58,8 @@ def some_limits(mechanism, params, mode=None):
 # --- declarations -------------------------------------------------------------------------
 
 
-def test_declarations(mechanism):
+def test_declarations(every_mechanism):
+    mechanism = every_mechanism
     params = mechanism.parameters
     for group in (params, mechanism.pose, mechanism.joints, mechanism.limbs):
         labels = [member.name for member in group]
@@ -110,7 +120,8 @@ def test_one_name_for_each_joint(mechanism):
     assert set(mechanism.cones) <= set(seen)
 
 
-def test_every_measure_says_where_it_vanishes(mechanism):
+def test_every_measure_says_where_it_vanishes(every_mechanism):
+    mechanism = every_mechanism
     params = mechanism.resolve({})
     (pose, solution), *_ = reachable(mechanism, params, 1)
     measures = mechanism.singularity_measures(params, pose, solution.joints)
@@ -132,7 +143,8 @@ def test_defaults_are_feasible(mechanism):
     assert reachable(mechanism, params, 1)
 
 
-def test_parameters_are_checked(mechanism):
+def test_parameters_are_checked(every_mechanism):
+    mechanism = every_mechanism
     with pytest.raises(InputError, match=r"unknown name 'nonsense'.*nearest: "):
         mechanism.resolve({"nonsense": 1.0})
     for parameter in mechanism.parameters:
@@ -148,7 +160,8 @@ def test_parameters_are_checked(mechanism):
         assert parameter.accepts(0.0) != parameter.positive
 
 
-def test_poses_are_checked(mechanism):
+def test_poses_are_checked(every_mechanism):
+    mechanism = every_mechanism
     (pose, solution), *_ = reachable(mechanism, mechanism.resolve({}), 1)
     for coordinates, good in ((mechanism.pose, pose), (mechanism.joints, solution.joints)):
         assert mechanism.check_coordinates(good, coordinates, "here") == good
@@ -202,7 +215,7 @@ def test_unknown_and_double_names():
 @pytest.mark.parametrize("length", [1.0, 0.37, None])
 def test_kernel_entries_are_the_inverse_jacobian(name, mode, length):
     """A multiple of J^-1; with a weight, of the homogenised one (columns of J divided by it)."""
-    mechanism = find(name)
+    mechanism = EVERY[name]
     params = mechanism.resolve({})
     length = length or mechanism.characteristic_length(params)
     order = len(mechanism.joints)
@@ -224,7 +237,7 @@ def test_kernel_entries_are_the_inverse_jacobian(name, mode, length):
 
 @in_every_mode
 def test_jacobian_at_agrees_with_the_kernel(name, mode):
-    mechanism = find(name)
+    mechanism = EVERY[name]
     params = mechanism.resolve({})
     order = len(mechanism.joints)
     for kind, length in (("raw", 1.0), ("homogenized", None)):
@@ -242,7 +255,7 @@ def test_jacobian_at_agrees_with_the_kernel(name, mode):
 @in_every_mode
 def test_margin_is_the_limits_of_inverse(name, mode):
     """The kernel's margin is >= 0 exactly where there is a solution within every limit."""
-    mechanism = find(name)
+    mechanism = EVERY[name]
     params = mechanism.resolve({})
     every = some_limits(mechanism, params, mode)
     near = [pose for pose, _ in reachable(mechanism, params, 60, mode, seed=7)]
@@ -278,8 +291,9 @@ def test_margin_is_the_limits_of_inverse(name, mode):
         assert 3 < seen < 197
 
 
-def test_margin_is_continuous_outside(mechanism):
+def test_margin_is_continuous_outside(every_mechanism):
     """Between neighbouring poses the margin moves little, on both sides of zero."""
+    mechanism = every_mechanism
     if mechanism.name in ITERATED:
         pytest.skip("the margin is continuous where there is a solution only")
     params = mechanism.resolve({})
@@ -297,7 +311,8 @@ def test_margin_is_continuous_outside(mechanism):
     assert steps(3201).max() < 0.5 * steps(201).max()
 
 
-def test_all_branches_assemble(mechanism):
+def test_all_branches_assemble(every_mechanism):
+    mechanism = every_mechanism
     params = mechanism.resolve({})
     size = mechanism.characteristic_length(params)
     for name, mode in MODES:

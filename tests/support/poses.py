@@ -25,12 +25,23 @@ def ready(mechanism, params, mode, length=1.0, limits=None):
     return tuple(mechanism.kernel_constants(params, mode, length, merged))
 
 
+def _candidates(mechanism, params, count, seed):
+    """Yield random poses of the box; of six coordinates, where few are reachable, nearer home."""
+    poses = random_poses(mechanism, params, 400 * count, seed)
+    if len(mechanism.pose) < 6:
+        yield from poses
+        return
+    home = mechanism.home(params)
+    for pose in poses:
+        yield {name: at + 0.1 * (pose[name] - at) for name, at in home.items()}
+
+
 def reachable(mechanism, params, count, mode=None, seed=1):
     """Return ``count`` random (pose, solution) pairs of a working mode, by default the first."""
     mode = mode or mechanism.working_modes[0]
     constants = ready(mechanism, params, mode)
     pairs = []
-    for pose in random_poses(mechanism, params, 400 * count, seed):
+    for pose in _candidates(mechanism, params, count, seed):
         if mechanism.kernel(*pose.values(), constants)[0] < 0:
             continue
         pairs += [(pose, s) for s in mechanism.inverse(params, pose) if s.working_mode == mode]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import click
 
-from pmopt.cli.options import common_options, mechanism_argument
+from pmopt.cli.options import any_mechanism_argument, common_options
 from pmopt.cli.output import emit
-from pmopt.mechanisms import Mechanism, find, names
+from pmopt.mechanisms import Mechanism, find, left_out, names
 from pmopt.reporting.tables import results
 
 
@@ -19,7 +19,7 @@ def list_command(form: str, quiet: bool, debug: bool) -> None:
     Example:
       pmopt list --format json
     """
-    found = [find(name) for name in names()]
+    found = [find(name, checked=False) for name in names()]
     document = {
         "mechanisms": [
             {
@@ -31,13 +31,16 @@ def list_command(form: str, quiet: bool, debug: bool) -> None:
                 "source": m.source,
             }
             for m in found
-        ]
+        ],
+        "left_out": [
+            {"plugin": p.name, "entry_point": p.value, "reason": p.reason} for p in left_out()
+        ],
     }
-    emit(form, document, [results.mechanisms_table(found)])
+    emit(form, document, [results.mechanisms_table(found, left_out())])
 
 
 @click.command("info")
-@mechanism_argument
+@any_mechanism_argument
 @common_options
 def info_command(mechanism: Mechanism, form: str, quiet: bool, debug: bool) -> None:
     """What one mechanism declares: parameters, coordinates, limbs, working modes, limits.

@@ -6,6 +6,7 @@ import importlib
 import os
 import shlex
 import sys
+import warnings
 from typing import Any
 
 import click
@@ -27,6 +28,7 @@ COMMANDS = {
     "ik": ("pmopt.cli.pose", "Inverse kinematics: joint positions of a pose."),
     "fk": ("pmopt.cli.pose", "Forward kinematics: poses of joint positions."),
     "jacobian": ("pmopt.cli.pose", "Jacobian, LCI and distance to singularities at a pose."),
+    "check": ("pmopt.cli.check", "Hold a mechanism against itself, for who writes one."),
     "mobility": ("pmopt.cli.mobility", "Freedoms and constraints from the declared joints."),
     "workspace": ("pmopt.cli.workspace", "Volume, dexterity and shape of a workspace."),
     "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
@@ -108,6 +110,8 @@ def run(args: list[str] | None = None) -> int:
         if getattr(sys, name) is None:  # closed by the shell: no file of a run may take its place
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     make_lenient()
+    pythons = warnings.showwarning
+    _warn_in_one_line("--quiet" in words)
     try:
         _check_target()
         result: Any = cli.main(words, prog_name="pmopt", standalone_mode=False, obj=list(words))
@@ -146,6 +150,22 @@ def run(args: list[str] | None = None) -> int:
         return _fail(
             f"unexpected {type(error).__name__}: {error} (--debug shows where)", EXIT_RUNTIME
         )
+    finally:
+        warnings.showwarning = pythons
+
+
+def _warn_in_one_line(quiet: bool) -> None:
+    """Print warnings about plug-ins as a line of ours; others are Python's."""
+    pythons = warnings.showwarning
+
+    def show(message: Any, category: Any, *place: Any, **more: Any) -> None:
+        if category.__name__ != "PluginWarning":
+            pythons(message, category, *place, **more)
+        elif not quiet:
+            line = " ".join(str(message).split())
+            click.echo(f"warning: {line[:_LONGEST]}", err=True)
+
+    warnings.showwarning = show
 
 
 def _check_target() -> None:

@@ -63,12 +63,25 @@ def _find(ctx: click.Context, param: click.Parameter, value: str) -> Mechanism:
     return find(value)
 
 
+def _find_any(ctx: click.Context, param: click.Parameter, value: str) -> Mechanism:
+    return find(value, checked=False)
+
+
 def mechanism_argument(function: Function) -> Function:
-    """Add the MECH argument, passed on as a Mechanism."""
+    """Add the MECH argument, passed on as a Mechanism; a plug-in's is checked before."""
+    return _mechanism_argument(_find)(function)
+
+
+def any_mechanism_argument(function: Function) -> Function:
+    """Add the MECH argument for what computes nothing with it."""
+    return _mechanism_argument(_find_any)(function)
+
+
+def _mechanism_argument(callback: Callable[..., Mechanism]) -> Callable[[Function], Function]:
     return click.argument(
-        "mechanism", metavar="MECH", callback=_find, shell_complete=_complete_mechanism,
+        "mechanism", metavar="MECH", callback=callback, shell_complete=_complete_mechanism,
         is_eager=True,  # quantities are in its units
-    )(function)  # fmt: skip
+    )  # fmt: skip
 
 
 def common_options(function: Function) -> Function:

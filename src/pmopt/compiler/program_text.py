@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pmopt.compiler.apart import apart, clash, is_ours, keep_name, names_of, renamed
 from pmopt.compiler.machine_code import Compiled, Entry
 from pmopt.kernels import conditioning as condition
 from pmopt.kernels import segment_distance, sweep
@@ -48,6 +49,8 @@ _STUBS = (
     "placed_of", "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
     "PLACE", "ENDS", "posture_to",
 )  # fmt: skip
+#: What is written into a text beside what is collected.
+_TAKEN = (*_STUBS, "careful_index", "assemble_one", "njit")
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
 #: Begins the second look at indices that the closed form has doubted.
@@ -149,25 +152,41 @@ def collect(
     blocks: dict[str, str],
     switched: Container[str] = (),
     decorator: str = INLINE,
+    name: str = "",
 ) -> None:
-    """Add the source of ``function`` and of all it refers to, dependencies first."""
-    for name in sorted(function.__code__.co_names):
-        if name not in function.__globals__ or name in _STUBS or name in switched:
+    """Add the source of ``function`` and of all it refers to, dependencies first.
+
+    ``name`` is what the function is called in the text, by default as in its source.
+    """
+    if not name:
+        name = function.__name__
+        keep_name(name, function)
+    called = {function.__name__: name}
+    if not is_ours(function) and name in _TAKEN:
+        raise clash(name, function)
+    for known in sorted(names_of(function.__code__)):
+        if known not in function.__globals__ or known in switched:
             continue
-        value = function.__globals__[name]
+        if known in _STUBS and is_ours(function):
+            continue
+        value = function.__globals__[known]
         if inspect.isfunction(value):
-            collect(value, blocks, switched, decorator)
+            if value is function:
+                continue
+            called[known] = apart(value.__name__, value)
+            collect(value, blocks, switched, decorator, called[known])
         elif isinstance(value, bool | int | float):
-            text = f"{name} = {value!r}"
-            if blocks.setdefault(name, text) != text:
-                raise TypeError(f"two kernel constants are named {name}")
+            called[known] = apart(known, function)
+            text = f"{called[known]} = {value!r}"
+            if blocks.setdefault(called[known], text) != text:
+                raise TypeError(f"two kernel constants are named {known}")
         elif value is not math and value is not np:
-            raise TypeError(f"kernel {function.__name__} refers to {name}, which is no number")
-    source = _source(function)
+            raise TypeError(f"kernel {function.__name__} refers to {known}, which is no number")
+    source = renamed(_source(function), called)
     # Entries are compiled into the one function that calls them, where rows lie at known places.
     text = f"{decorator}\n{source}"
-    if blocks.setdefault(function.__name__, text) != text:
-        raise TypeError(f"two kernel functions are named {function.__name__}")
+    if blocks.setdefault(name, text) != text:
+        raise clash(name, function)
 
 
 def _source(function: Callable[..., Any]) -> str:

@@ -9,6 +9,7 @@ refused.
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import math
 import textwrap
@@ -360,6 +361,8 @@ def traced(function: Callable[..., Any], graph: Graph) -> Callable[..., Any]:
             names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
             tree = ast.fix_missing_locations(_Selections().visit(tree))
             scope: dict[str, Any] = {"__least": graph.least, "__greatest": graph.greatest}
+            scope["min"] = lambda *values: functools.reduce(graph.least, values)
+            scope["max"] = lambda *values: functools.reduce(graph.greatest, values)
             for name in names & set(original.__globals__):
                 value = original.__globals__[name]
                 if value is math:
@@ -398,7 +401,10 @@ def trace(kernel: Callable[..., Any], pose_size: int, constant_count: int) -> Tr
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
     constants = tuple(graph.constant(k) for k in range(constant_count))
-    margin, *entries = traced(kernel, graph)(*pose, constants)
+    try:
+        margin, *entries = traced(kernel, graph)(*pose, constants)
+    except (TypeError, AttributeError, NameError) as error:  # of a function that is none of these
+        raise Untraceable(str(error)) from None
     slacks, factors = graph.parts(margin)
     return Traced(graph, slacks, [graph.lift(e) for e in entries], factors)
 

@@ -1,12 +1,15 @@
-"""Discovery of mechanisms by name."""
+"""Discovery of mechanisms by name: the catalogue's, then those of plug-ins."""
 
 from __future__ import annotations
 
 import importlib
+import multiprocessing
 import os
 import pkgutil
+import warnings
+from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from pmopt.errors import InputError, PmoptError, unknown_name
@@ -17,6 +20,34 @@ from pmopt.mechanisms.mechanism import Mechanism
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
 #: Ends the names of modules that hold a mechanism's forward kinematics.
 _PART = "_forward"
+#: What holds a plug-in's mechanism against itself before it is used: module and function. Given by
+#: name, as it is built on the analyses, which are built on mechanisms.
+_GUARD = ("pmopt.testing.kept", "require_checked")
+
+
+class PluginWarning(UserWarning):
+    """A plug-in that is left out: no other mechanism is affected."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A plug-in that could not be used: its entry point, what that names, and why."""
+
+    name: str
+    value: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"plug-in {self.name!r} ({self.value}) is left out: {self.reason}"
+
+
+@dataclass
+class Registry:
+    """All mechanisms by matching key, the keys of plug-ins', and the plug-ins left out."""
+
+    found: dict[str, Mechanism]
+    foreign: set[str] = field(default_factory=set)
+    left_out: list[LeftOut] = field(default_factory=list)
 
 
 def _key(name: str) -> str:
@@ -38,43 +69,86 @@ def collect(mechanisms: list[Mechanism]) -> dict[str, Mechanism]:
 
 
 @cache
-def _registry() -> dict[str, Mechanism]:
-    found: list[Mechanism] = []
+def _registry() -> Registry:
+    own: list[Mechanism] = []
     for info in pkgutil.iter_modules(catalogue.__path__):
         if not info.name.endswith(_PART):
-            found.append(importlib.import_module(f"{catalogue.__name__}.{info.name}").MECHANISM)
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        try:
-            mechanism = entry.load()
-        except Exception as error:  # a broken plug-in must be named, whatever it raises
-            raise PmoptError(f"entry point {entry.name!r} ({entry.value}): {error}") from error
-        if not isinstance(mechanism, Mechanism):
-            raise PmoptError(f"entry point {entry.name!r} ({entry.value}) is no Mechanism")
-        found.append(mechanism)
-    return collect(found)
+            own.append(importlib.import_module(f"{catalogue.__name__}.{info.name}").MECHANISM)
+    registry = Registry(collect(own))
+    for entry in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda e: (e.name, e.value)):
+        _add(registry, entry)
+    registry.found = dict(sorted(registry.found.items()))
+    # Workers of ours are started by a process that has said it.
+    if multiprocessing.parent_process() is None:
+        for plugin in registry.left_out:
+            warnings.warn(str(plugin), PluginWarning, stacklevel=3)
+    return registry
+
+
+def _add(registry: Registry, entry: EntryPoint) -> None:
+    """Add the mechanism of an entry point, or note why it is left out."""
+    try:
+        mechanism = entry.load()
+        reason = "" if isinstance(mechanism, Mechanism) else "it is no Mechanism"
+        if isinstance(mechanism, type) and issubclass(mechanism, Mechanism):
+            reason = "it is a class: the entry point has to name an instance"
+        key = "" if reason else _key(mechanism.name)
+        if not reason and not key:
+            reason = f"its name {mechanism.name!r} has no letter or digit"
+        if key in registry.found:
+            other = type(registry.found[key]).__module__
+            reason = f"there is a mechanism {mechanism.name!r} already, of {other}"
+    # A module is other people's text: it may raise anything, and end the process as it loads.
+    except (Exception, SystemExit, GeneratorExit) as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    if reason:
+        registry.left_out.append(LeftOut(entry.name, entry.value, reason))
+    else:
+        registry.found[key] = mechanism
+        registry.foreign.add(key)
 
 
 def names() -> list[str]:
     """Return the names of all mechanisms."""
-    return [mechanism.name for mechanism in _registry().values()]
+    return [mechanism.name for mechanism in _registry().found.values()]
 
 
-def find(name: str) -> Mechanism:
+def left_out() -> tuple[LeftOut, ...]:
+    """Return the plug-ins that are left out, and why."""
+    return tuple(_registry().left_out)
+
+
+def find(name: str, checked: bool = True) -> Mechanism:
     """Return a mechanism by name, ignoring case, spaces and dashes.
+
+    Parameters
+    ----------
+    name : str
+    checked : bool
+        Whether the mechanism of a plug-in is held against itself first, once for its text.
 
     Raises
     ------
     InputError
         For an unknown name; the nearest valid one is given.
+    pmopt.testing.MechanismError
+        Where the mechanism of a plug-in contradicts itself.
     """
     if not name:
         raise InputError(f"mechanism: empty name, allowed: {', '.join(names())}")
-    mechanism = _registry().get(_key(name))
+    registry, key = _registry(), _key(name)
+    mechanism = registry.found.get(key)
     if mechanism is None:
         what = describe(Path(name)) if os.path.exists(name) else ""
         if what:
             raise InputError(
                 f"mechanism: {name} {what}; a mechanism is one of {', '.join(names())}"
             )
+        for plugin in registry.left_out:
+            if _key(plugin.name) == key:
+                raise InputError(f"mechanism: {plugin}")
         raise unknown_name("mechanism", name, names())
+    if checked and key in registry.foreign:
+        module, function = _GUARD
+        getattr(importlib.import_module(module), function)(mechanism)
     return mechanism

@@ -383,17 +383,25 @@ def mobility_of(
         length_unit=unit,
         characteristic_length=length,
         closed_form=agreement,
-        units={
-            **{p.name: mechanism.unit(p) for p in mechanism.parameters},
-            **{c.name: mechanism.unit(c) for c in mechanism.pose},
-            "characteristic_length": unit,
-            "point": unit,
-            "pitch": f"{unit}/rad for twists, {unit} for wrenches",
-            "travel": "rad or characteristic lengths",
-            "misfit": "characteristic lengths",
-        },
+        units=_result_units(mechanism),
         **facts,
     )
+
+
+def _result_units(mechanism: Mechanism) -> dict[str, str]:
+    """Return the units of a result; a coordinate called pitch leaves the screws' another name."""
+    unit = mechanism.length_unit
+    named = {p.name: mechanism.unit(p) for p in mechanism.parameters}
+    named |= {c.name: mechanism.unit(c) for c in mechanism.pose}
+    return named | {
+        "characteristic_length": unit,
+        "point": unit,
+        "screw pitch" if "pitch" in named else "pitch": (
+            f"{unit}/rad for twists, {unit} for wrenches"
+        ),
+        "travel": "rad or characteristic lengths",
+        "misfit": "characteristic lengths",
+    }
 
 
 def analyse(

@@ -129,6 +129,8 @@ def section_fields(
 ) -> tuple[Section, ...]:
     """Return three sections, one across each of three coordinates, or some through home.
 
+    Of two coordinates there is one, which is the workspace.
+
     With more coordinates than three each section shows two of them, the others at home; of five
     coordinates six pairs are shown, every one of length and every one of angles with others.
 
@@ -142,10 +144,10 @@ def section_fields(
         What is shown instead of LCI, of poses (d, N).
     """
     pose = sweeper.mechanism.pose
-    if len(pose) > 3:
-        return _sections_through_home(sweeper, design, resolution, measure)
-    if len(pose) < 3:
+    if len(pose) < 2:
         return ()
+    if len(pose) != 3:
+        return _sections_through_home(sweeper, design, resolution, measure)
     place = _locate(sweeper, design)
     sections = []
     for normal, level in enumerate(place.levels):
@@ -226,7 +228,8 @@ def _sections_through_home(
                 determinant=determinants(sweeper, design, poses).reshape(count, count),
                 constants=",\n".join(
                     ", ".join(constants[i : i + 2]) for i in range(0, len(constants), 2)
-                ),
+                )
+                or "all poses",
             )
         )
     return tuple(sections)

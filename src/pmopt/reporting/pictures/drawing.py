@@ -142,7 +142,7 @@ def _draw_scene(axes: Any, mechanism: Mechanism, scene: _Scene) -> list[_Label]:
     corners = [
         end[1] for limb, end in zip(mechanism.segments, segments, strict=True) if limb == PLATFORM
     ]
-    _draw_platform(axes, np.array(corners)[:, order], flat[:3][order])
+    _draw_platform(axes, np.reshape(corners, (-1, 3))[:, order], flat[:3][order])
     labels: list[_Label] = [_Label(flat[:3][order], "P", INK)]
     for number, chain in enumerate(scene.chains):
         colour = _LIMBS[number % len(_LIMBS)]
@@ -188,8 +188,10 @@ def _set_box(
         # The view shortens the second axis.
         count = 2 + round((4, 2, 4)[k] * (high[k] - low[k]) / float((high - low).max()))
         axis.set_major_locator(MaxNLocator(count))
-    if mechanism.vertical == 0:
-        axes.invert_zaxis()  # the paper's x points downwards
+    if mechanism.down[mechanism.vertical] > 0:
+        axes.invert_zaxis()  # the vertical axis points downwards
+    if mechanism.vertical == 1:
+        axes.invert_yaxis()  # x, z, y: else a mirror image
     # As high as what is drawn is at the width there is.
     wide, above = (_WIDTH - _BESIDE - 0.2) / _WIDTH, _HEAD + 0.15
     for _ in range(2):
@@ -295,9 +297,13 @@ def draw_frames(
 
 
 def _draw_platform(axes: Any, corners: NDArray[np.float64], centre: NDArray[np.float64]) -> None:
-    """Draw the platform: the polygon of its joints around the centre."""
+    """Draw the platform: the polygon of its joints around the centre, or what there is of it."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+    if len(corners) < 2:  # a point, or an arm, that a limb's link ends in
+        axes.plot(*np.vstack([corners, centre]).T, color=INK, linewidth=6.0, zorder=2)
+        axes.scatter(*centre[:, None], color=INK, s=12, zorder=5)
+        return
     if len(corners) == 2:
         axes.plot(*corners.T, color=INK, linewidth=6.0, solid_capstyle="round", zorder=2)
         return

@@ -281,10 +281,11 @@ def draw_capability(
     demands = Demands(
         asked.mechanism, asked.parameters, result.working_mode, asked.task, None, threads
     )
-    bounds = np.array([given.get(name, np.inf) for name in demands.names])
+    limited = [k for k, name in enumerate(demands.names) if name in given]
+    bounds = np.array([[given[demands.names[k]]] for k in limited])
 
     def used(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        share: NDArray[np.float64] = (demands.at(poses) / bounds[:, None]).max(axis=0)
+        share: NDArray[np.float64] = (demands.at(poses)[limited] / bounds).max(axis=0)
         return share
 
     sweeper = Sweeper(asked.mechanism, asked.settings, asked.seed, threads)

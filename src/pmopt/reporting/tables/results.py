@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 _NOISE = 1e-14
 
 
-def mechanisms_table(mechanisms: Sequence[Mechanism]) -> Table:
-    """Return the catalogue."""
+def mechanisms_table(mechanisms: Sequence[Mechanism], left_out: Sequence[object] = ()) -> Table:
+    """Return the catalogue; plug-ins that are left out are named below."""
     rows = tuple((m.name, m.freedom, m.length_unit, m.description) for m in mechanisms)
     names = ("name", "freedom", "length_unit", "description")
-    return Table("Mechanisms", names, rows, {}, prose=("description",))
+    return Table("Mechanisms", names, rows, {}, tuple(map(str, left_out)), prose=("description",))
 
 
 def mechanism_document(m: Mechanism) -> dict[str, Any]:

@@ -1,0 +1,272 @@
+"""A platform of six freedoms on six UPS limbs, for tests."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from pmopt.kernels.limbs import ups_joints
+from pmopt.kernels.trigonometry import sin_cos
+from pmopt.mechanisms.bodies import disc, tube
+from pmopt.mechanisms.mechanism import (
+    PLATFORM,
+    Chain,
+    Coordinate,
+    ForwardSolution,
+    InverseSolution,
+    Joint,
+    Limb,
+    Mechanism,
+    Parameter,
+    Reach,
+    wrap_angle,
+)
+
+LONGEST = 0.9
+TINY = 1e-300  # as ours, and 1 / LONGEST would be no shorter
+
+
+def rotation(yaw, pitch, roll):
+    """Return Rz Ry Rx row by row, and sine and cosine of yaw and pitch."""
+    sa, ca = sin_cos(yaw)
+    sb, cb = sin_cos(pitch)
+    sc, cc = sin_cos(roll)
+    return (
+        ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc,
+        sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc,
+        0.0 - sb, cb * sc, cb * cc,
+        sa, ca, sb, cb,
+    )  # fmt: skip
+
+
+def limb(x, y, z, r, ax, ay, bx, by, weight):
+    """Return the length of a limb and its rates by the six coordinates."""
+    px, py, pz = r[0] * bx + r[1] * by, r[3] * bx + r[4] * by, r[6] * bx + r[7] * by
+    wx, wy, wz = x + px - ax, y + py - ay, z + pz
+    length = math.sqrt(wx * wx + wy * wy + wz * wz)
+    over = 1.0 / (length + TINY)
+    nx, ny, nz = wx * over, wy * over, wz * over
+    mx, my, mz = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
+    sa, ca, sb, cb = r[9], r[10], r[11], r[12]
+    return (
+        length, nx, ny, nz, mz * weight, (ca * my - sa * mx) * weight,
+        (ca * cb * mx + sa * cb * my - sb * mz) * weight,
+    )  # fmt: skip
+
+
+def kernel(x, y, z, yaw, pitch, roll, constants):
+    """Return the margin of the six lengths, and J^-1."""
+    (
+        a1, c1, a2, c2, a3, c3, a4, c4, a5, c5, a6, c6,
+        b1, d1, b2, d2, b3, d3, b4, d4, b5, d5, b6, d6,
+        e1, f1, e2, f2, e3, f3, e4, f4, e5, f5, e6, f6, weight,
+    ) = constants  # fmt: skip
+    r = rotation(yaw, pitch, roll)
+    g1 = limb(x, y, z, r, a1, c1, b1, d1, weight)
+    g2 = limb(x, y, z, r, a2, c2, b2, d2, weight)
+    g3 = limb(x, y, z, r, a3, c3, b3, d3, weight)
+    g4 = limb(x, y, z, r, a4, c4, b4, d4, weight)
+    g5 = limb(x, y, z, r, a5, c5, b5, d5, weight)
+    g6 = limb(x, y, z, r, a6, c6, b6, d6, weight)
+    low = min(g1[0] - e1, g2[0] - e2, g3[0] - e3, g4[0] - e4, g5[0] - e5, g6[0] - e6)
+    high = min(f1 - g1[0], f2 - g2[0], f3 - g3[0], f4 - g4[0], f5 - g5[0], f6 - g6[0])
+    margin = low if low < high else high
+    return (margin, *g1[1:], *g2[1:], *g3[1:], *g4[1:], *g5[1:], *g6[1:])
+
+
+def ends_of(x, y, z, r, ax, ay, bx, by):
+    return (
+        ax, ay, 0.0,
+        x + r[0] * bx + r[1] * by, y + r[3] * bx + r[4] * by, z + r[6] * bx + r[7] * by,
+    )  # fmt: skip
+
+
+def skeleton(x, y, z, yaw, pitch, roll, constants):
+    """Return the platform, the limbs and the platform's radii."""
+    c = constants
+    r = rotation(yaw, pitch, roll)
+    g1 = ends_of(x, y, z, r, c[0], c[1], c[12], c[13])
+    g2 = ends_of(x, y, z, r, c[2], c[3], c[14], c[15])
+    g3 = ends_of(x, y, z, r, c[4], c[5], c[16], c[17])
+    g4 = ends_of(x, y, z, r, c[6], c[7], c[18], c[19])
+    g5 = ends_of(x, y, z, r, c[8], c[9], c[20], c[21])
+    g6 = ends_of(x, y, z, r, c[10], c[11], c[22], c[23])
+    return (
+        x, y, z, *r[:9], *g1, *g2, *g3, *g4, *g5, *g6,
+        x, y, z, *g1[3:], x, y, z, *g2[3:], x, y, z, *g3[3:],
+        x, y, z, *g4[3:], x, y, z, *g5[3:], x, y, z, *g6[3:],
+    )  # fmt: skip
+
+
+def limb_joints(g):
+    """Return a limb's length and joints; the first axis of its U joint lies across A's radius."""
+    size = math.sqrt(g[0] * g[0] + g[1] * g[1])
+    return ups_joints(*g, 0.0 - g[1] / size, g[0] / size, 0.0)
+
+
+def posture(x, y, z, yaw, pitch, roll, constants):
+    """Return the platform, the six lengths, and the joints of the limbs."""
+    s = skeleton(x, y, z, yaw, pitch, roll, constants)
+    l1, j1 = limb_joints(s[12:18])
+    l2, j2 = limb_joints(s[18:24])
+    l3, j3 = limb_joints(s[24:30])
+    l4, j4 = limb_joints(s[30:36])
+    l5, j5 = limb_joints(s[36:42])
+    l6, j6 = limb_joints(s[42:48])
+    return (*s[:12], l1, l2, l3, l4, l5, l6, *j1, *j2, *j3, *j4, *j5, *j6)
+
+
+NAMES = tuple(f"l{k}" for k in range(1, 7))
+
+
+class Gough(Mechanism):
+    """6-UPS."""
+
+    name = "6-ups"
+    title = "6-UPS"
+    description = "six freedoms; six UPS limbs"
+    source = "Gough 1956, Stewart 1965"
+    freedom = "3T3R"
+    length_unit = "m"
+    default_jacobian = "homogenized"
+    length_meaning = "r, the platform's radius"
+    parameters = (
+        Parameter("R", "length", 0.5, (0.3, 0.8), True, "base radius", "ours"),
+        Parameter("r", "length", 0.3, (0.2, 0.5), True, "platform radius", "ours"),
+        Parameter("p", "angle", 0.2, (0.05, 0.5), False, "half angle of a pair, base", "ours"),
+        Parameter("q", "angle", 0.85, (0.5, 1.0), False, "half angle of a pair, platform", "ours"),
+    )
+    pose = (
+        *(Coordinate(name, "length", f"along {name}") for name in ("x", "y", "z")),
+        *(Coordinate(name, "angle", name) for name in ("yaw", "pitch", "roll")),
+    )
+    joints = tuple(Coordinate(name, "length", "length of a limb") for name in NAMES)
+    limbs = tuple(
+        Limb(f"limb {k}", "UPS", f"U_A{k}, telescope l{k} (actuated), S_B{k}",
+             (f"U_A{k}", f"l{k}", f"S_B{k}"))
+        for k in range(1, 7)
+    )  # fmt: skip
+    conditions: ClassVar = {
+        "inverse": "a limb has no length",
+        "forward": "the lines of the six limbs are dependent",
+    }
+    working_modes = ("direct",)
+    kernel = staticmethod(kernel)
+    constant_count = 37
+    skeleton = staticmethod(skeleton)
+    posture = staticmethod(posture)
+    segments = (0, 1, 2, 3, 4, 5, *[PLATFORM] * 6)
+    spokes = (0, 1, 2, 3, 4, 5)
+    roles = ("x", "y", "z", "yaw", "pitch", "roll")
+
+    def characteristic_length(self, parameters):
+        return parameters["r"]
+
+    def default_limits(self, parameters):
+        return dict.fromkeys(NAMES, (0.5, LONGEST))
+
+    def reach_box(self, parameters, limits):
+        longest = max(limits.get(name, (0, 2.0))[1] for name in NAMES) + parameters["r"]
+        base = self._points(parameters)[0]
+        low, high = (base - longest).max(axis=0), (base + longest).min(axis=0)
+        turn = [math.pi, math.pi / 2, math.pi]
+        return (np.array([*low, -longest, *(-v for v in turn)]),
+                np.array([*high, longest, *turn]))  # fmt: skip
+
+    def default_domain(self, parameters):
+        return {"z": (0.0, math.inf)} | dict.fromkeys(("yaw", "pitch", "roll"), (-0.5, 0.5))
+
+    def home(self, parameters):
+        return {"x": 0.0, "y": 0.0, "z": 0.55, "yaw": 0.0, "pitch": 0.0, "roll": 0.0}
+
+    def bodies(self, parameters):
+        tubes = []
+        for k in range(6):
+            tubes.append(tube(0.04, 0.4, 1.0, bore=0.03).body(f"cylinder {k + 1}", k, 0))
+            tubes.append(tube(0.02, 0.4, 1.0).body(f"rod {k + 1}", k, 1))
+        return (*tubes, disc(2 * parameters["r"], 0.01, 1.0).body("platform"))
+
+    def platform(self, parameters, pose, working_mode=None):
+        turned = rotation(pose["yaw"], pose["pitch"], pose["roll"])[:9]
+        return np.reshape(turned, (3, 3)), np.array([pose["x"], pose["y"], pose["z"]])
+
+    def layout(self, parameters, pose, working_mode=None):
+        flat = skeleton(*pose.values(), self.kernel_constants(parameters, "direct", 1.0, {}))
+        chains = []
+        for k, name in enumerate(NAMES):
+            _, numbers = limb_joints(flat[12 + 6 * k : 18 + 6 * k])
+            a, t, s, _, n, b = np.reshape(numbers, (6, 3))
+            chains.append(Chain(f"limb {k + 1}", (
+                Joint("U", a, (t, s)), Joint("P", a, (n,), drive=(name, 0)), Joint("S", b),
+            )))  # fmt: skip
+        return tuple(chains)
+
+    def reach(self, parameters, pose):
+        return tuple(Reach(limb.name, 1.0, "too far") for limb in self.limbs)
+
+    def inverse(self, parameters, pose):
+        flat = skeleton(*pose.values(), self.kernel_constants(parameters, "direct", 1.0, {}))
+        ends = np.reshape(flat[12:48], (6, 2, 3))
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).tolist()
+        return (InverseSolution("direct", dict(zip(NAMES, lengths, strict=True)), {}),)
+
+    def forward(self, parameters, joints):
+        """Newton's method from home and about it: there may be more."""
+        wanted = np.array([joints[name] for name in NAMES])
+        constants = self.kernel_constants(parameters, "direct", 1.0, {})
+        random = np.random.default_rng(1)
+        found = []
+        names = [c.name for c in self.pose]
+        for trial in range(12):
+            pose = np.array(list(self.home(parameters).values()))
+            pose = pose + (trial > 0) * random.uniform(-0.4, 0.4, 6)
+            for _ in range(30):
+                flat = kernel(*pose.tolist(), constants)
+                now = self.inverse(parameters, dict(zip(names, pose.tolist(), strict=True)))
+                gap = wanted - np.array([now[0].joints[name] for name in NAMES])
+                pose = pose + np.linalg.solve(np.reshape(flat[1:], (6, 6)), gap)
+                if np.abs(gap).max() < 1e-13:
+                    break
+            if np.abs(gap).max() < 1e-10 and abs(pose[4]) < math.pi / 2:
+                pose = [*pose[:3].tolist(), *(wrap_angle(v) for v in pose[3:].tolist())]
+                if all(np.abs(np.subtract(pose, p)).max() > 1e-6 for p, _ in found):
+                    found.append((pose, float(np.abs(gap).max())))
+        return tuple(
+            ForwardSolution(dict(zip(names, pose, strict=True)), {}, gap) for pose, gap in found
+        )
+
+    def velocity_maps(self, parameters, pose, joints):
+        constants = self.kernel_constants(parameters, "direct", 1.0, {})
+        return np.reshape(kernel(*pose.values(), constants)[1:], (6, 6)), np.eye(6)
+
+    def singularity_measures(self, parameters, pose, joints):
+        constants = self.kernel_constants(parameters, "direct", parameters["r"], {})
+        rows = np.reshape(kernel(*pose.values(), constants)[1:], (6, 6))
+        return {
+            "inverse": {f"limb {k + 1}": joints[name] / (joints[name] + parameters["r"])
+                        for k, name in enumerate(NAMES)},
+            "forward": {"platform": float(np.linalg.det(rows)) / 8},
+        }  # fmt: skip
+
+    def velocity_map_units(self):
+        return {"J_X": "columns in 1; 1; 1; m/rad; m/rad; m/rad", "J_q": "1"}
+
+    def kernel_constants(self, parameters, working_mode, length, limits):
+        base, top = self._points(parameters)
+        ends = [limits.get(name, (0.0, math.inf)) for name in NAMES]
+        return [*base.ravel().tolist(), *top.ravel().tolist(),
+                *(float(v) for pair in ends for v in pair), 1.0 / length]  # fmt: skip
+
+    def _points(self, parameters):
+        """Return A and B of the limbs, in pairs about three directions, (6, 2) each."""
+        found = []
+        for radius, half in (
+            (parameters["R"], parameters["p"]),
+            (parameters["r"], parameters["q"]),
+        ):
+            at = [k * 2 * math.pi / 3 + s * half for k in range(3) for s in (1, -1)]
+            found.append(radius * np.array([[math.cos(v), math.sin(v)] for v in at]))
+        return found
+
+
+MECHANISM = Gough()

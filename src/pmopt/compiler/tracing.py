@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import itertools
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.compiler import records
 from pmopt.kernels.trigonometry import sin_cos
 
 #: Operations of a tape. INPUT and CONSTANT take the number of an input or constant.
@@ -387,7 +389,7 @@ class Traced(NamedTuple):
     factors: set[int]
 
 
-def trace(kernel: Callable[..., Any], pose_size: int, constant_count: int) -> Traced:
+def trace(kernel: Callable[..., Any], pose_size: int, constants: records.Constants) -> Traced:
     """Return a kernel's slacks, of which its margin is the least, and entries as expressions.
 
     Raises
@@ -397,8 +399,8 @@ def trace(kernel: Callable[..., Any], pose_size: int, constant_count: int) -> Tr
     """
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
-    constants = tuple(graph.constant(k) for k in range(constant_count))
-    margin, *entries = traced(kernel, graph)(*pose, constants)
+    given = records.named(constants, map(graph.constant, itertools.count()))
+    margin, *entries = traced(kernel, graph)(*pose, given)
     slacks, factors = graph.parts(margin)
     return Traced(graph, slacks, [graph.lift(e) for e in entries], factors)
 
@@ -427,13 +429,13 @@ class TracedCurve(NamedTuple):
 
 
 def trace_curve(
-    outcome: Callable[..., Any], pose_size: int, coordinate: int, constant_count: int
+    outcome: Callable[..., Any], pose_size: int, coordinate: int, constants: records.Constants
 ) -> TracedCurve:
     """Return the configurations along which a kernel seeks its pose, as expressions."""
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
-    constants = tuple(graph.constant(k) for k in range(constant_count))
-    value, slope, margin, *entries = traced(outcome, graph)(*pose, constants)
+    given = records.named(constants, map(graph.constant, itertools.count()))
+    value, slope, margin, *entries = traced(outcome, graph)(*pose, given)
     slacks, factors = graph.parts(margin)
     bend = graph.derivative(slope, pose[coordinate])
     traced_outcome = Traced(graph, slacks, [graph.lift(e) for e in entries], factors)
@@ -445,15 +447,15 @@ def trace_implicit(
     outcome: Callable[..., Any],
     pose_size: int,
     unknowns: int,
-    constant_count: int,
+    constants: records.Constants,
 ) -> TracedImplicit:
     """Return the equations that a kernel solves, and what it makes of the solution."""
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
     free = [graph.input(pose_size + k) for k in range(unknowns)]
-    constants = tuple(graph.constant(k) for k in range(constant_count))
-    equations = [graph.lift(r) for r in traced(residuals, graph)(*pose, free, constants)]
-    margin, *entries = traced(outcome, graph)(*pose, free, constants)
+    given = records.named(constants, map(graph.constant, itertools.count()))
+    equations = [graph.lift(r) for r in traced(residuals, graph)(*pose, free, given)]
+    margin, *entries = traced(outcome, graph)(*pose, free, given)
     slacks, factors = graph.parts(margin)
     slopes = [graph.derivative(r, u) for r in equations for u in free]
     return TracedImplicit(

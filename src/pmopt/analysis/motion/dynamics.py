@@ -13,6 +13,7 @@ from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import programs
 from pmopt.compiler.machine_code import Compiled
 from pmopt.compiler.program_text import PLACE
+from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.execution.threads import default_threads, ordered_map
 from pmopt.kernels import inverse_dynamics
@@ -156,12 +157,15 @@ class Mover:
             [GRAVITY * d for d in mechanism.down] if gravity is None else gravity, dtype=float
         )
         self._constants = np.array(
-            mechanism.kernel_constants(parameters, working_mode, 1.0, {}), dtype=float
+            flat(mechanism.kernel_constants(parameters, working_mode, 1.0, {})), dtype=float
         )
         self._tables()
         self._kernel = programs.moving(
             programs.Moving(
-                posture, len(mechanism.pose), mechanism.constant_count, self._stance_size
+                posture,
+                len(mechanism.pose),
+                mechanism.constants or mechanism.constant_count,
+                self._stance_size,
             ),
             None
             if notify is None

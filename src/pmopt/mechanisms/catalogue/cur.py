@@ -989,7 +989,7 @@ class Cur(Mechanism):
         signs = next(iter(MODE_SIGNS.values()))
         free: dict[str, Any] = {k: v for k, v in limits.items() if not k.startswith("h")}
         bounded = {**free, **{c.name: (-math.inf, math.inf) for c in self.joints}}
-        constants = tuple(self.kernel_constants(parameters, self.working_modes[0], 1.0, bounded))
+        constants = self.kernel_constants(parameters, self.working_modes[0], 1.0, bounded)
         for i, beta in enumerate(tilts.tolist()):
             for j, gamma in enumerate(tilts.tolist()):
                 if cur_kernel(0.0, beta, gamma, constants)[0] < 0:

@@ -2,7 +2,7 @@
 
 import math
 
-TINY = 1e-300
+from pmopt.kernels.vectors import TINY, xyz
 
 
 def unit_vector(x, y, z):
@@ -28,3 +28,18 @@ def ups_joints(ax, ay, az, bx, by, bz, tx, ty, tz):
         ax, ay, az, nx, ny, nz,
         bx, by, bz,
     )  # fmt: skip
+
+
+def parallelogram(point, axis, bar):
+    """Return a parallelogram Pa: where a long bar is hinged, the axis and the bar."""
+    return (*xyz(point), *xyz(axis), *xyz(bar))
+
+
+def universal(point, first, second):
+    """Return point and axes of a U joint."""
+    return (*xyz(point), *xyz(first), *xyz(second))
+
+
+def prismatic(point, axis):
+    """Return point and axis of a P joint."""
+    return (*xyz(point), *xyz(axis))

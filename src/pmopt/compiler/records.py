@@ -19,9 +19,9 @@ def is_record(kind: Any) -> TypeGuard[type[Any]]:
 
 
 def _fields(kind: type[Any]) -> list[Any]:
-    """Return what the fields of a record hold."""
+    """Return what the fields of a record hold; numbers where it does not say."""
     hints = typing.get_type_hints(kind)
-    return [hints[name] for name in kind._fields]
+    return [hints.get(name, float) for name in kind._fields]
 
 
 def size(kind: Constants) -> int:

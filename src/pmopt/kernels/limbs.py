@@ -1,8 +1,8 @@
-"""Joints of limbs that several mechanisms have; see :mod:`pmopt.kernels.inverse_dynamics`."""
+"""Joints of limbs as postures tell them; see :mod:`pmopt.kernels.inverse_dynamics`."""
 
 import math
 
-from pmopt.kernels.vectors import TINY, xyz
+from pmopt.kernels.vectors import TINY, direction, minus, normal, xyz
 
 
 def unit_vector(x, y, z):
@@ -16,18 +16,13 @@ def crossed(ax, ay, az, bx, by, bz):
     return unit_vector(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)[:3]
 
 
-def ups_joints(ax, ay, az, bx, by, bz, tx, ty, tz):
-    """Return the length of a UPS limb from A to B, and point and axes of U, P and S.
+def ups_joints(a, b, tangent):
+    """Return point and axes of U, P and S of a UPS limb from A to B.
 
-    t is the U joint's first axis; its second one is across the limb.
+    ``tangent`` is the U joint's first axis; its second one is across the limb.
     """
-    nx, ny, nz, length = unit_vector(bx - ax, by - ay, bz - az)
-    sx, sy, sz = crossed(tx, ty, tz, nx, ny, nz)
-    return length, (
-        ax, ay, az, tx, ty, tz, sx, sy, sz,
-        ax, ay, az, nx, ny, nz,
-        bx, by, bz,
-    )  # fmt: skip
+    along = direction(minus(b, a))
+    return (*universal(a, tangent, normal(tangent, along)), *prismatic(a, along), *spherical(b))
 
 
 def parallelogram(point, axis, bar):
@@ -43,3 +38,13 @@ def universal(point, first, second):
 def prismatic(point, axis):
     """Return point and axis of a P joint."""
     return (*xyz(point), *xyz(axis))
+
+
+def revolute(point, axis):
+    """Return point and axis of an R joint."""
+    return (*xyz(point), *xyz(axis))
+
+
+def spherical(point):
+    """Return the point of an S joint."""
+    return xyz(point)

@@ -23,6 +23,21 @@ class Direction(NamedTuple):
     length: float
 
 
+class Rotation(NamedTuple):
+    """A rotation matrix; ``yx`` is row y, column x."""
+
+    xx: float
+    xy: float
+    xz: float
+    yx: float
+    yy: float
+    yz: float
+    zx: float
+    zy: float
+    zz: float
+
+
+SQRT_HALF = 0.7071067811865476
 X = Vec3(1.0, 0.0, 0.0)
 Y = Vec3(0.0, 1.0, 0.0)
 Z = Vec3(0.0, 0.0, 1.0)
@@ -41,6 +56,25 @@ def xyz(a):
     return (a.x, a.y, a.z)
 
 
+def row_by_row(r):
+    """Return a rotation's numbers as a plain tuple."""
+    return (r.xx, r.xy, r.xz, r.yx, r.yy, r.yz, r.zx, r.zy, r.zz)
+
+
+def axis_z(r):
+    """Return where a rotation turns the z axis: its last column."""
+    return Vec3(r.xz, r.yz, r.zz)
+
+
+def turned(r, a):
+    """Return r a."""
+    return Vec3(
+        r.xx * a.x + r.xy * a.y + r.xz * a.z,
+        r.yx * a.x + r.yy * a.y + r.yz * a.z,
+        r.zx * a.x + r.zy * a.y + r.zz * a.z,
+    )
+
+
 def plus(a, b):
     """Return a + b."""
     return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
@@ -49,11 +83,6 @@ def plus(a, b):
 def minus(a, b):
     """Return a - b."""
     return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
-
-
-def opposite(a):
-    """Return -a."""
-    return Vec3(-a.x, -a.y, -a.z)
 
 
 def dot(a, b):

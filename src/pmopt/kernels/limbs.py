@@ -1,19 +1,6 @@
 """Joints of limbs as postures tell them; see :mod:`pmopt.kernels.inverse_dynamics`."""
 
-import math
-
-from pmopt.kernels.vectors import TINY, direction, minus, normal, xyz
-
-
-def unit_vector(x, y, z):
-    """Return a vector's direction and length."""
-    size = math.sqrt(x * x + y * y + z * z)
-    return x / (size + TINY), y / (size + TINY), z / (size + TINY), size
-
-
-def crossed(ax, ay, az, bx, by, bz):
-    """Return the direction of a x b."""
-    return unit_vector(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)[:3]
+from pmopt.kernels.vectors import direction, minus, normal, xyz
 
 
 def ups_joints(a, b, tangent):
@@ -48,3 +35,8 @@ def revolute(point, axis):
 def spherical(point):
     """Return the point of an S joint."""
     return xyz(point)
+
+
+def cylindrical(point, axis):
+    """Return point and axis of a C joint."""
+    return (*xyz(point), *xyz(axis))

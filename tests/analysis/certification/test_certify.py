@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.cli_runner import error_line, here, json_answer, pmopt, strict_json
+from support.poses import constants_of
 
 from pmopt import api
 from pmopt.analysis.certification import boxes as certify
@@ -252,7 +253,8 @@ def test_solutions_lie_in_their_tubes():
     place = rng.uniform(-1, 1, (len(cells), 2))
     points = sheet._cell_centres[cells] + sheet._cell_halves[cells] * place
     tilts = sheet.lower[1:] + sheet.width[1:] * points
-    found = np.array([cur.cur_start(0.3, *tilt, design.constants) for tilt in tilts.tolist()])
+    constants = constants_of(find("3-cur"), design)
+    found = np.array([cur.cur_start(0.3, *tilt, constants) for tilt in tilts.tolist()])
     off = np.abs(found - tubes.at(cells, place))
     assert (off <= tubes.tight[cells] + 1e-12).all()
     assert (off.max(axis=0) > 1e-6).all()  # the radius is needed

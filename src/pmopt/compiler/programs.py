@@ -132,14 +132,18 @@ def _moving(recipe: Moving) -> Compiled:
     body = "".join(f"    {line}\n" for line in lines)
     blocks["posture_to"] = f"{_CALLED}\ndef posture_to(poses, t, constants, out):\n{body}"
     collect(inverse_dynamics.move, blocks, (), _CALLED)
-    table, cube = "float64[:,:]", "float64[:,:,:]"
-    entry = Entry("move", (
-        table, table, table, "float64[:]", "float64", "float64[:]", "int64[:,:]", "int64[:,:]",
-        "int64[:]", "int64[:]", "int64[:,:]", table, "int64",
-        table, cube, cube, table, table, cube, cube, cube, "uint8[:]",
-        table, table, cube, table, table, table, table, table, table, table, table,
-        "float64[:]", table, table, cube, table, "float64[:]",
-    ))  # fmt: skip
+    made: list[str] = []
+    names: list[str] = []
+    types: list[str] = []
+    for record in inverse_dynamics.RECORDS:
+        records.declare(record, blocks)
+        names += record._fields
+        types += [kind.__metadata__[0] for kind in record.__annotations__.values()]
+        made.append(records.call(record, record._fields))
+    # An entry takes arrays and numbers.
+    body = f"    move({', '.join(made)})\n"
+    blocks["move_all"] = f"{_CALLED}\ndef move_all({', '.join(names)}):\n{body}"
+    entry = Entry("move_all", tuple(types))
     return Compiled(PREFACE + "\n\n".join(blocks.values()), (entry,))
 
 

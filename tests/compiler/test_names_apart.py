@@ -8,14 +8,15 @@ import pytest
 
 from pmopt.compiler import program_text, programs
 from pmopt.compiler.program_text import Recipe, module_text
-from pmopt.kernels.limbs import crossed
+from pmopt.kernels.vectors import X, Y, cross
 
 MODULE = '''
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from pmopt.kernels.limbs import crossed as direction
+from pmopt.kernels.vectors import Vec3, cross as direction
 from pmopt.kernels.trigonometry import arc_tangent
 
 TINY = 1e-3
@@ -29,8 +30,15 @@ def root_of(x):
     return math.sqrt(x) + TINY
 
 
-def crossed(x):
+def cross(x):
     return 2.0 * x
+
+
+class Rotation(NamedTuple):
+    angle: float
+
+
+STILL = Rotation(0.0)
 
 
 def margin_of(x):
@@ -48,8 +56,8 @@ def skeleton(x, y, constants):
 
 def kernel(x, y, constants):
     # é before a name on a line: é
-    s = "é"; a, b, c = direction(1.0, 0.0, 0.0, x, y, 0.0); t = root_of(x)
-    parts = [crossed(v) for v in (x, y)]
+    s = "é"; a, b, c = direction(Vec3(1.0, 0.0, 0.0), Vec3(x, y, 0.0)); t = root_of(x)
+    parts = [cross(v) + Rotation(v).angle + STILL.angle for v in (x, y)]
     return (parts[0] + parts[1] + a + b + c + t, margin_of(x), arc_tangent(x, y), careful, np.pi)
 
 
@@ -104,7 +112,9 @@ def test_what_is_called_alike_is_kept_apart(theirs):
     assert (space["TINY"], space["TINY__their_module"]) == (1e-300, 1e-3)
     assert (space["ORDER"], space["ORDER__their_module"]) == (2, 5)
     assert space["BLOCK"] != space["BLOCK__their_module"] == 7
-    assert space["crossed"](1.0, 0.0, 0.0, 0.0, 1.0, 0.0) == crossed(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    assert space["cross"](X, Y) == cross(X, Y) == (0.0, 0.0, 1.0)
+    assert space["Rotation__their_module"](0.5).angle == 0.5
+    assert len(space["STILL__their_module"]) == 1
     assert "The name TINY in a text stays." in text
     # Ours of the same name, that is put in when a text is made.
     assert space["margin_of"] is not space["margin_of__their_module"]

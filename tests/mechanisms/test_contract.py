@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import five_bar, gough, naive, planar
-from support.poses import box, random_poses, reachable, ready
+from support.poses import box, constants_of, random_poses, reachable, ready
 
 from pmopt.analysis.kinematics.solve import inverse_kinematics, jacobian_at, of_limb
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.estimates import from_replicates, of_population
 from pmopt.analysis.workspace.sweeper import BINS, Sweeper
+from pmopt.compiler.records import flat
 from pmopt.errors import InputError, PmoptError
 from pmopt.kernels import sweep
 from pmopt.mechanisms import find, names
@@ -220,9 +221,9 @@ def test_kernel_entries_are_the_inverse_jacobian(name, mode, length):
     length = length or mechanism.characteristic_length(params)
     order = len(mechanism.joints)
     constants = ready(mechanism, params, mode, length)
-    assert len(constants) == mechanism.constant_count
+    assert len(flat(constants)) == mechanism.constant_count
     for pose, solution in reachable(mechanism, params, 60, mode):
-        margin, *entries = mechanism.kernel(*pose.values(), tuple(constants))
+        margin, *entries = mechanism.kernel(*pose.values(), constants)
         assert margin >= 0
         found = np.reshape(entries, (order, order))
         j_x, j_q = mechanism.velocity_maps(params, pose, solution.joints)
@@ -338,7 +339,7 @@ def naive_sweep(sweeper, design, points, count):
         poses = naive.fill(points, replicate, 0, count, design.lower, design.width)
         margins, indices = [], []
         for pose in poses.T.tolist():
-            margin, *entries = mechanism.kernel(*pose, tuple(design.constants))
+            margin, *entries = mechanism.kernel(*pose, constants_of(mechanism, design))
             margins.append(margin)
             if margin >= 0:
                 matrix = np.reshape(entries, (order, order))
@@ -496,7 +497,7 @@ def test_field_equals_the_kernel(mechanism):
         margin, lci = sweeper.field(design, columns)
         order = len(mechanism.joints)
         for i, pose in enumerate(poses):
-            expected, *entries = mechanism.kernel(*pose.values(), tuple(design.constants))
+            expected, *entries = mechanism.kernel(*pose.values(), constants_of(mechanism, design))
             assert (margin[i] >= 0) == (expected >= 0)
             if expected < 0 and mechanism.name in ITERATED:
                 continue

@@ -7,6 +7,7 @@ import numpy as np
 
 from pmopt.kernels.limbs import ups_joints
 from pmopt.kernels.trigonometry import sin_cos
+from pmopt.kernels.vectors import Vec3, direction, minus
 from pmopt.mechanisms.bodies import disc, tube
 from pmopt.mechanisms.mechanism import (
     PLATFORM,
@@ -101,7 +102,9 @@ def skeleton(x, y, z, yaw, pitch, roll, constants):
 def limb_joints(g):
     """Return a limb's length and joints; the first axis of its U joint lies across A's radius."""
     size = math.sqrt(g[0] * g[0] + g[1] * g[1])
-    return ups_joints(*g, 0.0 - g[1] / size, g[0] / size, 0.0)
+    a, b = Vec3(g[0], g[1], g[2]), Vec3(g[3], g[4], g[5])
+    joints = ups_joints(a, b, Vec3(0.0 - g[1] / size, g[0] / size, 0.0))
+    return direction(minus(b, a)).length, joints
 
 
 def posture(x, y, z, yaw, pitch, roll, constants):

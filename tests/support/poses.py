@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pmopt.compiler.records import named
+
 
 def box(mechanism, params):
     """Return the reach box under the default limits."""
@@ -22,7 +24,12 @@ def random_poses(mechanism, params, count, seed=1, margin=0.0):
 def ready(mechanism, params, mode, length=1.0, limits=None):
     """Return the kernel's constants under the default limits, some of them replaced."""
     merged = {**mechanism.default_limits(params), **(limits or {})}
-    return tuple(mechanism.kernel_constants(params, mode, length, merged))
+    return mechanism.kernel_constants(params, mode, length, merged)
+
+
+def constants_of(mechanism, design):
+    """Return the kernel's constants of a design, without those of checks."""
+    return named(mechanism.constants or mechanism.constant_count, design.constants)
 
 
 def _candidates(mechanism, params, count, seed):

@@ -17,12 +17,12 @@ _OURS = "pmopt."
 
 
 def is_ours(function: Callable[..., Any]) -> bool:
-    """Return whether a function is of this package."""
+    """Return whether a function, or the class of a record, is of this package."""
     return function.__module__.startswith(_OURS)
 
 
 def apart(name: str, function: Callable[..., Any]) -> str:
-    """Return what a global of a function's module is called in a text."""
+    """Return what a global of the module of a function or class is called in a text."""
     if is_ours(function):
         return name
     return f"{name}__{function.__module__.replace('.', '_')}"

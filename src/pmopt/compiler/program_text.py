@@ -8,6 +8,7 @@ helpers and the functions of :mod:`pmopt.kernels.sweep`, copied from their sourc
 from __future__ import annotations
 
 import inspect
+import itertools
 import linecache
 import math
 import textwrap
@@ -16,18 +17,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pmopt.compiler import records
 from pmopt.compiler.apart import apart, clash, is_ours, keep_name, names_of, renamed
 from pmopt.compiler.machine_code import Compiled, Entry
 from pmopt.kernels import conditioning as condition
 from pmopt.kernels import segment_distance, sweep
+from pmopt.kernels.vectors import Vec3
 
 CONDITIONING = {"2": condition.inverse_condition_2, "fro": condition.inverse_condition_fro}
 CAREFUL = {"2": condition.careful_condition_2, "fro": condition.careful_condition_fro}
 BLOCK_CONDITIONING = {"2": condition.inverse_conditions_2, "fro": condition.inverse_conditions_fro}
-#: Numbers that follow the kernel's constants where there are checks: squared least distances of
-#: limbs and of limbs to the platform, least cosine of cone angles, tool point in the platform's
-#: frame, lower and upper bounds on its place in the base's.
-CHECK_CONSTANTS = 12
 #: What precedes the segments in a skeleton: position and rotation of the platform.
 PLACE = 12
 #: Begins every module.
@@ -64,6 +63,17 @@ _DOUBTFUL = (
 ENTRIES = ("sweep", "field", "points", "probe", "outline", "locate")
 
 
+class Checks(NamedTuple):
+    """Constants that follow the kernel's where there are checks; in the mechanism's length unit."""
+
+    limbs2: float  # squared least distance between limbs
+    platform2: float  # squared least distance of limbs to the platform and the tool
+    cosine: float  # least cosine of cone angles
+    tool: Vec3  # tool point, platform frame
+    low: Vec3  # bounds on its place, base frame
+    high: Vec3
+
+
 class Recipe(NamedTuple):
     """What a module is specialised to.
 
@@ -75,8 +85,10 @@ class Recipe(NamedTuple):
         ``math``, ``np``, module constants and other plain functions.
     skeleton : function
         ``skeleton(*pose, constants)``: place of the platform, ends of segments, cosines of cones.
-    pose_size, constant_count, order : int
-        Pose coordinates, kernel constants, rows of the Jacobian.
+    pose_size, order : int
+        Pose coordinates, rows of the Jacobian.
+    constants : type or int
+        What the kernel's constants are; see :data:`pmopt.compiler.records.Constants`.
     norm : str
         A key of :data:`CONDITIONING`.
     segments, spokes : tuple of int
@@ -97,7 +109,7 @@ class Recipe(NamedTuple):
     kernel: Callable[..., Any]
     skeleton: Callable[..., Any]
     pose_size: int
-    constant_count: int
+    constants: records.Constants
     order: int
     norm: str
     segments: tuple[int, ...]
@@ -175,9 +187,11 @@ def collect(
                 continue
             called[known] = apart(value.__name__, value)
             collect(value, blocks, switched, decorator, called[known])
-        elif isinstance(value, bool | int | float):
+        elif records.is_record(value):
+            called[known] = records.declare(value, blocks)
+        elif isinstance(value, bool | int | float | tuple):
             called[known] = apart(known, function)
-            text = f"{called[known]} = {value!r}"
+            text = f"{called[known]} = {records.text_of(value, blocks)}"
             if blocks.setdefault(called[known], text) != text:
                 raise TypeError(f"two kernel constants are named {known}")
         elif value is not math and value is not np:
@@ -206,8 +220,8 @@ def module_text(recipe: Recipe) -> str:
     """Return the source text of the specialised module."""
     kernel, order = recipe.kernel, recipe.order
     conditioning = (CONDITIONING if order == 3 else BLOCK_CONDITIONING)[recipe.norm]
-    count = recipe.constant_count + (CHECK_CONSTANTS if recipe.checks else 0)
     blocks: dict[str, str] = {}
+    records.declare(recipe.constants, blocks)
     blocks["ORDER"] = f"ORDER = {order}"
     blocks["AXES"] = f"AXES = {recipe.pose_size}"
     blocks["LINES"] = f"LINES = {int(recipe.line is not None)}"
@@ -227,8 +241,7 @@ def module_text(recipe: Recipe) -> str:
     collect(segment_distance.segment_distance2, blocks)
     pose = ", ".join(f"pose[{d}, i]" for d in range(recipe.pose_size))
     entries = [f"result[{1 + e}]" for e in range(order**2)]
-    constants = ", ".join(f"constants[{c}]" for c in range(count))
-    own = f"constants[:{recipe.constant_count}]" if recipe.checks else "constants"
+    own = "constants[0]" if recipe.checks else "constants"
     call = f"{kernel.__name__}({pose}, {own})"
     margin = "    margin = result[0]\n" + (_checks(recipe, pose) if recipe.checks else "")
     heavy = order == 3 and own_length > _SMALL
@@ -295,7 +308,12 @@ def module_text(recipe: Recipe) -> str:
     define("placed_of", point, evaluated + margin + placed)
     facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
     define("facts_of", point, evaluated + margin + facts)
-    blocks["unpack"] = f"{INLINE}\ndef unpack(constants):\n    return ({constants},)\n"
+    numbers = (f"constants[{c}]" for c in itertools.count())
+    unpacked = records.call(recipe.constants, numbers)
+    if recipe.checks:
+        records.declare(Checks, blocks)
+        unpacked = f"({unpacked}, {records.call(Checks, numbers)})"
+    define("unpack", "constants", f"    return {unpacked}\n")
     for entry in ENTRIES:
         collect(getattr(sweep, entry), blocks)
     text = "\n\n".join(blocks.values())
@@ -331,8 +349,7 @@ def _place(recipe: Recipe, arguments: str) -> str:
 
 def _checks(recipe: Recipe, pose: str) -> str:
     """Return the lines that lower the margin to the clearance, cone and tool limits."""
-    first = recipe.constant_count
-    lines = [f"s = {recipe.skeleton.__name__}({pose}, constants[:{first}])"]
+    lines = [f"s = {recipe.skeleton.__name__}({pose}, constants[0])", "checks = constants[1]"]
 
     def limit(slack: str) -> None:
         lines.extend((f"slack = {slack}", "margin = slack if slack < margin else margin"))
@@ -341,7 +358,7 @@ def _checks(recipe: Recipe, pose: str) -> str:
         start = PLACE + 6 * segment
         return ", ".join(f"s[{k}]" for k in range(start, start + 6))
 
-    tool = [f"constants[{first + 3 + k}]" for k in range(3)]
+    tool = [f"checks.tool.{axis}" for axis in "xyz"]
     place = [
         f"s[{k}] + " + " + ".join(f"s[{3 + 3 * k + j}] * {tool[j]}" for j in range(3))
         for k in range(3)
@@ -355,19 +372,19 @@ def _checks(recipe: Recipe, pose: str) -> str:
                 continue
             for b, other in enumerate(recipe.segments):
                 if joined[b] != limb and (other < 0 or b > a):
-                    least = f"constants[{first + (1 if other < 0 else 0)}]"
+                    least = "checks.platform2" if other < 0 else "checks.limbs2"
                     limit(f"segment_distance2({ends(a)}, {ends(b)}) - {least}")
             if "tool" in recipe.checks:
                 shaft = "s[0], s[1], s[2], tool0, tool1, tool2"
-                limit(f"segment_distance2({ends(a)}, {shaft}) - constants[{first + 1}]")
+                limit(f"segment_distance2({ends(a)}, {shaft}) - checks.platform2")
     if "cone" in recipe.checks:
         start = PLACE + 6 * len(recipe.segments)
         for k in range(recipe.cones):
-            limit(f"s[{start + k}] - constants[{first + 2}]")
+            limit(f"s[{start + k}] - checks.cosine")
     if "tool" in recipe.checks:
-        for k in range(3):
-            limit(f"tool{k} - constants[{first + 6 + k}]")
-            limit(f"constants[{first + 9 + k}] - tool{k}")
+        for k, axis in enumerate("xyz"):
+            limit(f"tool{k} - checks.low.{axis}")
+            limit(f"checks.high.{axis} - tool{k}")
     return "".join(f"    {line}\n" for line in lines)
 
 

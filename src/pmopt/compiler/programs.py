@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import functools
 import inspect
+import itertools
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
+from pmopt.compiler import records
 from pmopt.compiler.machine_code import Compiled, Entry
 from pmopt.compiler.program_text import INLINE, PLAIN, PREFACE, collect
 from pmopt.kernels import (
@@ -114,7 +116,7 @@ class Moving(NamedTuple):
 
     posture: Callable[..., tuple[float, ...]]
     pose_size: int
-    constant_count: int
+    constants: records.Constants
     stance_size: int
 
 
@@ -123,20 +125,25 @@ def _moving(recipe: Moving) -> Compiled:
     blocks: dict[str, str] = {}
     collect(recipe.posture, blocks, (), _CALLED)
     pose = ", ".join(f"poses[t, {k}]" for k in range(recipe.pose_size))
-    constants = ", ".join(f"constants[{k}]" for k in range(recipe.constant_count))
-    lines = [f"s = {recipe.posture.__name__}({pose}, ({constants},))"]
+    records.declare(recipe.constants, blocks)
+    constants = records.call(recipe.constants, (f"constants[{k}]" for k in itertools.count()))
+    lines = [f"s = {recipe.posture.__name__}({pose}, {constants})"]
     lines += [f"out[{k}] = s[{k}]" for k in range(recipe.stance_size)]
     body = "".join(f"    {line}\n" for line in lines)
     blocks["posture_to"] = f"{_CALLED}\ndef posture_to(poses, t, constants, out):\n{body}"
     collect(inverse_dynamics.move, blocks, (), _CALLED)
-    table, cube = "float64[:,:]", "float64[:,:,:]"
-    entry = Entry("move", (
-        table, table, table, "float64[:]", "float64", "float64[:]", "int64[:,:]", "int64[:,:]",
-        "int64[:]", "int64[:]", "int64[:,:]", table, "int64",
-        table, cube, cube, table, table, cube, cube, cube, "uint8[:]",
-        table, table, cube, table, table, table, table, table, table, table, table,
-        "float64[:]", table, table, cube, table, "float64[:]",
-    ))  # fmt: skip
+    made: list[str] = []
+    names: list[str] = []
+    types: list[str] = []
+    for record in inverse_dynamics.RECORDS:
+        records.declare(record, blocks)
+        names += record._fields
+        types += [kind.__metadata__[0] for kind in record.__annotations__.values()]
+        made.append(records.call(record, record._fields))
+    # An entry takes arrays and numbers.
+    body = f"    move({', '.join(made)})\n"
+    blocks["move_all"] = f"{_CALLED}\ndef move_all({', '.join(names)}):\n{body}"
+    entry = Entry("move_all", tuple(types))
     return Compiled(PREFACE + "\n\n".join(blocks.values()), (entry,))
 
 

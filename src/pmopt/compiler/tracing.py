@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
+import itertools
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.compiler import records
 from pmopt.kernels.trigonometry import sin_cos
 
 #: Operations of a tape. INPUT and CONSTANT take the number of an input or constant.
@@ -390,7 +392,7 @@ class Traced(NamedTuple):
     factors: set[int]
 
 
-def trace(kernel: Callable[..., Any], pose_size: int, constant_count: int) -> Traced:
+def trace(kernel: Callable[..., Any], pose_size: int, constants: records.Constants) -> Traced:
     """Return a kernel's slacks, of which its margin is the least, and entries as expressions.
 
     Raises
@@ -400,9 +402,9 @@ def trace(kernel: Callable[..., Any], pose_size: int, constant_count: int) -> Tr
     """
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
-    constants = tuple(graph.constant(k) for k in range(constant_count))
+    given = records.named(constants, map(graph.constant, itertools.count()))
     try:
-        margin, *entries = traced(kernel, graph)(*pose, constants)
+        margin, *entries = traced(kernel, graph)(*pose, given)
     except (TypeError, AttributeError, NameError) as error:  # of a function that is none of these
         raise Untraceable(str(error)) from None
     slacks, factors = graph.parts(margin)
@@ -433,13 +435,13 @@ class TracedCurve(NamedTuple):
 
 
 def trace_curve(
-    outcome: Callable[..., Any], pose_size: int, coordinate: int, constant_count: int
+    outcome: Callable[..., Any], pose_size: int, coordinate: int, constants: records.Constants
 ) -> TracedCurve:
     """Return the configurations along which a kernel seeks its pose, as expressions."""
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
-    constants = tuple(graph.constant(k) for k in range(constant_count))
-    value, slope, margin, *entries = traced(outcome, graph)(*pose, constants)
+    given = records.named(constants, map(graph.constant, itertools.count()))
+    value, slope, margin, *entries = traced(outcome, graph)(*pose, given)
     slacks, factors = graph.parts(margin)
     bend = graph.derivative(slope, pose[coordinate])
     traced_outcome = Traced(graph, slacks, [graph.lift(e) for e in entries], factors)
@@ -451,15 +453,15 @@ def trace_implicit(
     outcome: Callable[..., Any],
     pose_size: int,
     unknowns: int,
-    constant_count: int,
+    constants: records.Constants,
 ) -> TracedImplicit:
     """Return the equations that a kernel solves, and what it makes of the solution."""
     graph = Graph()
     pose = [graph.input(k) for k in range(pose_size)]
     free = [graph.input(pose_size + k) for k in range(unknowns)]
-    constants = tuple(graph.constant(k) for k in range(constant_count))
-    equations = [graph.lift(r) for r in traced(residuals, graph)(*pose, free, constants)]
-    margin, *entries = traced(outcome, graph)(*pose, free, constants)
+    given = records.named(constants, map(graph.constant, itertools.count()))
+    equations = [graph.lift(r) for r in traced(residuals, graph)(*pose, free, given)]
+    margin, *entries = traced(outcome, graph)(*pose, free, given)
     slacks, factors = graph.parts(margin)
     slopes = [graph.derivative(r, u) for r in equations for u in free]
     return TracedImplicit(

@@ -23,6 +23,7 @@ mechanism's ``posture``.
 """
 
 import math
+from typing import Annotated, Any, NamedTuple
 
 from pmopt.kernels.trigonometry import arc_tangent
 
@@ -34,6 +35,138 @@ LINK, BARS = range(2)
 COLUMN = 6
 #: A diagonal element of R this much smaller than the largest counts as 0.
 RANK = 1e-11
+
+
+#: Types of what an entry takes.
+Number = Annotated[Any, "float64"]
+Whole = Annotated[Any, "int64"]
+Row = Annotated[Any, "float64[:]"]
+Table = Annotated[Any, "float64[:,:]"]
+Cube = Annotated[Any, "float64[:,:,:]"]
+Numbers = Annotated[Any, "int64[:]"]
+Numbering = Annotated[Any, "int64[:,:]"]
+Flags = Annotated[Any, "uint8[:]"]
+
+
+class Motion(NamedTuple):
+    """Instants: poses in the mechanism's unit, their rates in m and rad, (N, n) each."""
+
+    poses: Table
+    speeds: Table
+    accelerations: Table
+
+
+class Model(NamedTuple):
+    """A design.
+
+    Attributes
+    ----------
+    constants : (c,)
+        What ``posture`` takes.
+    unit : float
+        The mechanism's length unit in m.
+    gravity : (3,)
+        m/s^2.
+    joints : (J, 6) int
+        Limb, kind, place in the stance, first column, number of columns, next joint of the limb
+        or -1.
+    limbs : (L, 5) int
+        First joint, number of joints, first column, number of columns, first row of ``twists``.
+    roles, drives : (n,) int
+        Of pose coordinates, and columns of the actuated joints.
+    bodies : (B, 2) int
+        Joint (-1: the platform) and part.
+    masses : (B, 13)
+        Mass (kg), centre in the link's frame (m), inertia about it (kg m^2).
+    with_mass_matrix : int
+    """
+
+    constants: Row
+    unit: Number
+    gravity: Row
+    joints: Numbering
+    limbs: Numbering
+    roles: Numbers
+    drives: Numbers
+    bodies: Numbering
+    masses: Table
+    with_mass_matrix: Whole
+
+
+class Results(NamedTuple):
+    """What is computed, in SI units.
+
+    Attributes
+    ----------
+    stances : (N, s)
+        What ``posture`` returns: place of the platform, reported joints, then of every joint its
+        point, axes and, for a parallelogram, the bar.
+    platform : (N, 3, 6)
+        Values, rates, accelerations of x, y, z (m), yaw, pitch, roll.
+    rates : (N, K, 2)
+        First and second derivatives of all joints' freedoms (m, rad).
+    efforts : (N, n)
+        N, N m.
+    energies : (N, 2)
+        Kinetic and potential, J.
+    centres : (N, B, 9)
+        Position, velocity, acceleration of centres of mass (m).
+    mass_matrix, inverse_jacobian : (N, n, n)
+        By pose coordinates in m and rad; d(actuated joints)/d(pose).
+    valid : (N,) uint8
+        0 where the limbs or the pose coordinates do not tell the motion.
+    """
+
+    stances: Table
+    platform: Cube
+    rates: Cube
+    efforts: Table
+    energies: Table
+    centres: Cube
+    mass_matrix: Cube
+    inverse_jacobian: Cube
+    valid: Flags
+
+
+class Scratch(NamedTuple):
+    """Overwritten.
+
+    Rows of ``changes`` are J' q' of each limb, the platform's twist and its derivative, and one
+    for links.
+    """
+
+    screws: Table
+    derivatives: Table
+    turned: Cube
+    twists: Table
+    changes: Table
+    inverses: Table
+    qt: Table
+    r: Table
+    square: Table
+    rows: Table
+    pseudo: Table
+    right: Row
+    by_pose: Table
+    frames: Table
+    partials: Cube
+    tensors: Table
+    small: Row
+
+
+#: What :func:`move` takes, in order.
+RECORDS = (Motion, Model, Results, Scratch)
+
+
+class Instant(NamedTuple):
+    """Rows of :class:`Results` at one instant, the generalised force and room for a body."""
+
+    stance: Row
+    rates: Table
+    centres: Table
+    mass_matrix: Table
+    force: Row
+    tensors: Table
 
 
 def posture_to(poses, t, constants, out):
@@ -259,13 +392,17 @@ def columns_of(stance, joints, unit, screws):
                 s[5] = px * ay - py * ax
 
 
-def column_rates(stance, joints, limb, unit, screws, rates, twists, derivatives, turned):
+def column_rates(at, limb, model, scratch):
     """Write each column's derivative times its rate, and the twist after each column.
 
     ``twists[c + 1]`` is the twist after column c of a limb, ``twists`` of its first column's place
     that before. ``turned`` keeps, for parallelograms, the column of the long bars and its
     derivative times the rate.
     """
+    stance, rates = at.stance, at.rates
+    joints, unit = model.joints, model.unit
+    screws, twists = scratch.screws, scratch.twists
+    derivatives, turned = scratch.derivatives, scratch.turned
     first, count = limb[0], limb[1]
     place = limb[4]
     for k in range(6):
@@ -476,13 +613,13 @@ def wrench_of(mass, centre, inertia, twist, change, gravity, out, motion):
     return 0.5 * (mass * (v0 * v0 + v1 * v1 + v2 * v2) + w0 * h0 + w1 * h1 + w2 * h2)
 
 
-def add_body(
-    mass, frame, twist, change, partial, gravity, with_mass_matrix, told, force, matrix, tensors
-):  # fmt: skip
+def add_body(b, frame, twist, change, partial, model, at):
     """Add a body's generalised force and mass matrix; return its kinetic and potential energy.
 
-    ``mass`` are the body's thirteen numbers; ``partial`` (n, 6) its twists by pose coordinates.
+    Of its link: frame, twist, that one's derivative, and its twists by pose coordinates, (n, 6).
     """
+    mass, gravity = model.masses[b], model.gravity
+    told, matrix, force, tensors = at.centres[b], at.mass_matrix, at.force, at.tensors
     n = partial.shape[0]
     centre = tensors[0]
     inertia = tensors[1]
@@ -496,7 +633,7 @@ def add_body(
         told[3 + k] = motion[k]
     for i in range(n):
         force[i] += dot6(partial[i], wrench)
-    if with_mass_matrix:
+    if model.with_mass_matrix:
         for i in range(n):
             momentum(mass[0], centre, inertia, partial[i], wrench)
             for j in range(n):
@@ -505,11 +642,13 @@ def add_body(
     return kinetic, -mass[0] * potential
 
 
-def decompose_limbs(limbs, screws, inverses, rows, square, qt, r, small):
+def decompose_limbs(limbs, scratch):
     """Write J^+ of every limb, column by column, and its wrenches to rows; return how many.
 
     With it whether no limb's joints are dependent.
     """
+    screws, inverses, rows = scratch.screws, scratch.inverses, scratch.rows
+    square, qt, r, small = scratch.square, scratch.qt, scratch.r, scratch.small
     good = True
     m = 0
     for i in range(limbs.shape[0]):
@@ -531,11 +670,14 @@ def decompose_limbs(limbs, screws, inverses, rows, square, qt, r, small):
     return m, good
 
 
-def add_limb(
-    limb, stance, joints, unit, bodies, masses, gravity, with_mass_matrix, screws, derivatives,
-    turned, twists, rates, by_pose, centres, force, matrix, frames, partials, change, tensors,
-):  # fmt: skip
+def add_limb(at, limb, model, scratch):
     """Add the bodies of a limb; return their kinetic and potential energy."""
+    stance, rates = at.stance, at.rates
+    joints, unit, bodies = model.joints, model.unit, model.bodies
+    screws, derivatives, turned = scratch.screws, scratch.derivatives, scratch.turned
+    twists, by_pose, tensors = scratch.twists, scratch.by_pose, scratch.tensors
+    frames, partials = scratch.frames, scratch.partials
+    change = scratch.changes[model.limbs.shape[0] + 2]
     n = by_pose.shape[1]
     frame, following, bars = frames[0], frames[1], frames[2]
     partial, of_bars = partials[0], partials[1]
@@ -560,10 +702,7 @@ def add_limb(
                     of_bars[i, k] = partial[i, k] + column[k] * by_pose[start, i]
             for b in range(bodies.shape[0]):
                 if bodies[b, 0] == j and bodies[b, 1] == BARS:
-                    energy = add_body(
-                        masses[b], bars, tensors[4], tensors[5], of_bars, gravity,
-                        with_mass_matrix, centres[b], force, matrix, tensors,
-                    )  # fmt: skip
+                    energy = add_body(b, bars, tensors[4], tensors[5], of_bars, model, at)
                     kinetic += energy[0]
                     potential += energy[1]
         for c in range(start, start + joints[j, 4]):
@@ -577,72 +716,34 @@ def add_limb(
             frame[k] = following[k]
         for b in range(bodies.shape[0]):
             if bodies[b, 0] == j and bodies[b, 1] == LINK:
-                energy = add_body(
-                    masses[b], frame, twists[place], change, partial, gravity, with_mass_matrix,
-                    centres[b], force, matrix, tensors,
-                )  # fmt: skip
+                energy = add_body(b, frame, twists[place], change, partial, model, at)
                 kinetic += energy[0]
                 potential += energy[1]
     return kinetic, potential
 
 
-def move(
-    poses, speeds, accelerations, constants, unit, gravity, joints, limbs, roles, drives,
-    bodies, masses, with_mass_matrix,
-    stances, platform, rates, efforts, energies, centres, mass_matrix, inverse_jacobian, valid,
-    screws, derivatives, turned, twists, changes, inverses, qt, r, square, rows, pseudo, right,
-    by_pose, frames, partials, tensors, small,
-):  # fmt: skip
-    """Compute the motion and the efforts at some instants.
-
-    Parameters
-    ----------
-    poses, speeds, accelerations : (N, n)
-        Poses in the mechanism's unit, their rates in m and rad.
-    unit : float
-        The mechanism's length unit in m.
-    gravity : (3,)
-    joints : (J, 6) int
-        Limb, kind, place in the stance, first column, number of columns, next joint of the limb
-        or -1.
-    limbs : (L, 5) int
-        First joint, number of joints, first column, number of columns, first row of ``twists``.
-    roles, drives : (n,) int
-        Of pose coordinates, and columns of the actuated joints.
-    bodies : (B, 2) int
-        Joint (-1: the platform) and part.
-    masses : (B, 13)
-        Mass, centre in the link's frame (m), inertia about it.
-    stances : (N, s)
-        What ``posture`` returns: place of the platform, reported joints, then of every joint its
-        point, axes and, for a parallelogram, the bar.
-    platform : (N, 3, 6)
-        Values, rates, accelerations of x, y, z (m), yaw, pitch, roll.
-    rates : (N, K, 2)
-        First and second derivatives of all joints' freedoms (m, rad).
-    efforts : (N, n)
-    energies : (N, 2)
-        Kinetic and potential, J.
-    centres : (N, B, 9)
-        Position, velocity, acceleration of centres of mass (m).
-    mass_matrix, inverse_jacobian : (N, n, n)
-        By pose coordinates in m and rad; d(actuated joints)/d(pose).
-    valid : (N,) uint8
-        0 where the limbs or the pose coordinates do not tell the motion.
-    screws, .., small
-        Scratch space.
-    """
+def move(motion, model, results, scratch):
+    """Compute the motion and the efforts at some instants."""
+    poses, speeds, accelerations = motion
+    unit, joints, limbs = model.unit, model.joints, model.limbs
+    roles, drives, bodies = model.roles, model.drives, model.bodies
+    rates, mass_matrix = results.rates, results.mass_matrix
+    inverse_jacobian = results.inverse_jacobian
+    screws, derivatives, tensors = scratch.screws, scratch.derivatives, scratch.tensors
+    changes, inverses, rows, right = scratch.changes, scratch.inverses, scratch.rows, scratch.right
+    qt, r, square, pseudo = scratch.qt, scratch.r, scratch.square, scratch.pseudo
+    by_pose, frames, partials = scratch.by_pose, scratch.frames, scratch.partials
+    small = scratch.small
     n = poses.shape[1]
     count = limbs.shape[0]
-    # Rows of ``changes``: J' q' of each limb, the platform's twist and its derivative, scratch.
     v = changes[count]
     a = changes[count + 1]
-    change = changes[count + 2]
     for t in range(poses.shape[0]):
-        stance = stances[t]
-        posture_to(poses, t, constants, stance)
+        stance = results.stances[t]
+        at = Instant(stance, rates[t], results.centres[t], mass_matrix[t], right, tensors)
+        posture_to(poses, t, model.constants, stance)
         columns_of(stance, joints, unit, screws)
-        held, good = decompose_limbs(limbs, screws, inverses, rows, square, qt, r, small)
+        held, good = decompose_limbs(limbs, scratch)
         pose_rows(stance, roles, unit, inverses, rows, held)
         m = held + n
         for i in range(m):
@@ -664,9 +765,7 @@ def move(
             rates[t, c, 0] = dot6(inverses[c], v)
         m = 0
         for i in range(count):
-            column_rates(
-                stance, joints, limbs[i], unit, screws, rates[t], twists, derivatives, turned
-            )
+            column_rates(at, limbs[i], model, scratch)
             bias = changes[i]
             for k in range(6):
                 bias[k] = 0.0
@@ -675,7 +774,7 @@ def move(
             for _ in range(6 - limbs[i, 3]):
                 right[m] = dot6(rows[m], bias)
                 m += 1
-        angles = platform[t]
+        angles = results.platform[t]
         euler(stance, v, angles[0], angles[1])
         spin = tensors[0]
         euler_bias(stance, angles[1], spin)
@@ -728,11 +827,7 @@ def move(
         kinetic = 0.0
         potential = 0.0
         for i in range(count):
-            energy = add_limb(
-                limbs[i], stance, joints, unit, bodies, masses, gravity, with_mass_matrix, screws,
-                derivatives, turned, twists, rates[t], by_pose, centres[t], right, mass_matrix[t],
-                frames, partials, change, tensors,
-            )  # fmt: skip
+            energy = add_limb(at, limbs[i], model, scratch)
             kinetic += energy[0]
             potential += energy[1]
         frame = frames[0]
@@ -745,18 +840,15 @@ def move(
                 partials[0, i, k] = pseudo[k, held + i]
         for b in range(bodies.shape[0]):
             if bodies[b, 0] < 0:
-                energy = add_body(
-                    masses[b], frame, v, a, partials[0], gravity, with_mass_matrix, centres[t, b],
-                    right, mass_matrix[t], tensors,
-                )  # fmt: skip
+                energy = add_body(b, frame, v, a, partials[0], model, at)
                 kinetic += energy[0]
                 potential += energy[1]
         eliminate(square, right, n)
         for i in range(n):
-            efforts[t, i] = right[i]
-        energies[t, 0] = kinetic
-        energies[t, 1] = potential
-        valid[t] = 1 if good else 0
+            results.efforts[t, i] = right[i]
+        results.energies[t, 0] = kinetic
+        results.energies[t, 1] = potential
+        results.valid[t] = 1 if good else 0
 
 
 def limb_of(column, limbs):

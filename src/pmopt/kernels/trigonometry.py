@@ -7,6 +7,8 @@ import math
 
 import numpy as np
 
+from pmopt.kernels.vectors import Rotation
+
 TWO_OVER_PI = 0.6366197723675814
 # pi / 2 in two parts: k * HALF_PI_1 is exact for |k| < 2**20.
 HALF_PI_1 = 1.57079632673412561417e00
@@ -43,11 +45,11 @@ def sin_cos(angle):
 
 
 def roll_pitch_yaw(about_z, about_y, about_x):
-    """Return Rz(about_z) Ry(about_y) Rx(about_x), row by row."""
+    """Return Rz(about_z) Ry(about_y) Rx(about_x)."""
     sz, cz = sin_cos(about_z)
     sy, cy = sin_cos(about_y)
     sx, cx = sin_cos(about_x)
-    return (
+    return Rotation(
         cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx,
         sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx,
         -sy, cy * sx, cy * cx,

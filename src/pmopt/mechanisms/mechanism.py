@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.compiler.records import size
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.fields import Units
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
@@ -297,6 +298,9 @@ class Mechanism(ABC):
     #: margin is >= 0 inside every limit and continuous outside; the entries, row by row, are any
     #: common scalar multiple of the inverse of the Jacobian made homogeneous by the length.
     kernel: ClassVar[Callable[..., tuple[float, ...]]]
+    #: What the constants are, a NamedTuple of numbers and of such NamedTuples; without it they are
+    #: a plain tuple of :attr:`constant_count` numbers.
+    constants: ClassVar[type[Any] | None] = None
     constant_count: ClassVar[int]
     #: Where the kernel solves equations step by step, the equations: what proofs are about.
     implicit: ClassVar[Implicit | None] = None
@@ -346,6 +350,11 @@ class Mechanism(ABC):
     inverted_passive: ClassVar[tuple[str, ...]] = ()
     #: Names of the passive U and S joints whose cone angle the skeleton tells.
     cones: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        super().__init_subclass__(**given)
+        if cls.constants is not None:
+            cls.constant_count = size(cls.constants)
 
     # -- declared geometry -------------------------------------------------------------
 
@@ -562,7 +571,7 @@ class Mechanism(ABC):
     @abstractmethod
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
-    ) -> list[float]:
+    ) -> Sequence[Any]:
         """Return the constants the kernel takes for one design.
 
         ``length`` is the characteristic length, 1 for the raw Jacobian.

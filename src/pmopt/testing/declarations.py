@@ -12,6 +12,7 @@ import numpy as np
 from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import program_text
 from pmopt.compiler.program_text import PLACE, Recipe
+from pmopt.compiler.records import flat
 from pmopt.mechanisms.mechanism import PLATFORM, Chain, JointKind, Mechanism
 from pmopt.testing.findings import Comparison, Examination
 from pmopt.testing.subject import Subject
@@ -224,7 +225,7 @@ def check_kernel_lengths(found: Examination, subject: Subject) -> None:
     home = tuple(subject.home.values())
     with found.check("constants", "constant_count", "length of kernel_constants") as c:
         for each in mechanism.working_modes:
-            given = subject.constants(each, 1.0, subject.limits)
+            given = flat(subject.constants(each, 1.0, subject.limits))
             if not c.require(
                 len(given) == mechanism.constant_count,
                 f"{mechanism.constant_count}, but kernel_constants returns "
@@ -240,12 +241,12 @@ def check_kernel_lengths(found: Examination, subject: Subject) -> None:
         return
     with found.check("kernel-length", "kernel", "length of what the kernel returns") as c:
         constants = subject.constants(mechanism.working_modes[0], 1.0, subject.limits)
-        flat = mechanism.kernel(*home, constants)
+        row = mechanism.kernel(*home, constants)
         c.require(
-            len(flat) == 1 + n * n,
-            f"returns {len(flat)} numbers: the margin and {n} x {n} entries are {1 + n * n}",
+            len(row) == 1 + n * n,
+            f"returns {len(row)} numbers: the margin and {n} x {n} entries are {1 + n * n}",
         )
-        c.require(all(math.isfinite(v) for v in flat), f"returns {flat} at home")
+        c.require(all(math.isfinite(v) for v in row), f"returns {row} at home")
 
 
 def check_lengths(found: Examination, subject: Subject) -> None:
@@ -256,20 +257,20 @@ def check_lengths(found: Examination, subject: Subject) -> None:
     constants = subject.constants(mode, 1.0, subject.limits)
     with found.check("skeleton-length", "skeleton", "length of what the skeleton returns") as c:
         wanted = PLACE + 6 * len(mechanism.segments) + len(mechanism.cones)
-        flat = mechanism.skeleton(*home, constants)
+        row = mechanism.skeleton(*home, constants)
         c.require(
-            len(flat) == wanted,
-            f"returns {len(flat)} numbers: {PLACE} of the platform, "
+            len(row) == wanted,
+            f"returns {len(row)} numbers: {PLACE} of the platform, "
             f"6 x {len(mechanism.segments)} of segments and {len(mechanism.cones)} of cones "
             f"are {wanted}",
         )
     if mechanism.line is not None:
         with found.check("line-length", "line", "length of what the line returns") as c:
             axis = mechanism.line_axis
-            flat = mechanism.line(*home, subject.box[0][axis], subject.box[1][axis], constants)
+            row = mechanism.line(*home, subject.box[0][axis], subject.box[1][axis], constants)
             c.require(
-                len(flat) == 2 * mechanism.line_parts,
-                f"returns {len(flat)} numbers: {mechanism.line_parts} parts have "
+                len(row) == 2 * mechanism.line_parts,
+                f"returns {len(row)} numbers: {mechanism.line_parts} parts have "
                 f"{2 * mechanism.line_parts} ends",
             )
     with found.check(
@@ -283,10 +284,10 @@ def check_lengths(found: Examination, subject: Subject) -> None:
         with found.check("posture-length", "posture", "length of what the posture returns") as c:
             parts = [3 + 3 * (AXES[j.kind] + (j.kind == "Pa")) for x in chains for j in x.joints]
             wanted = PLACE + n + len(mechanism.followed) + sum(parts)
-            flat = mechanism.posture(*home, constants)
+            row = mechanism.posture(*home, constants)
             c.require(
-                len(flat) == wanted,
-                f"returns {len(flat)} numbers: {PLACE} of the platform, {n} of actuated and "
+                len(row) == wanted,
+                f"returns {len(row)} numbers: {PLACE} of the platform, {n} of actuated and "
                 f"{len(mechanism.followed)} of followed joints and {sum(parts)} of the "
                 f"layout are {wanted}",
             )
@@ -429,7 +430,7 @@ def check_text(found: Examination, mechanism: Mechanism) -> None:
             mechanism.kernel,
             mechanism.skeleton,
             len(mechanism.pose),
-            mechanism.constant_count,
+            mechanism.constants or mechanism.constant_count,
             len(mechanism.joints),
             "2",
             mechanism.segments,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -88,9 +89,10 @@ class Subject:
         """Working modes that are looked at."""
         return self.mechanism.working_modes[:MODES]
 
-    def constants(self, mode: str, length: float, limits: Ranges) -> tuple[float, ...]:
-        """Return the kernel's constants."""
-        return tuple(self.mechanism.kernel_constants(self.parameters, mode, length, limits))
+    def constants(self, mode: str, length: float, limits: Ranges) -> tuple[Any, ...]:
+        """Return the kernel's constants: a record, or a tuple of numbers."""
+        found = self.mechanism.kernel_constants(self.parameters, mode, length, limits)
+        return found if isinstance(found, tuple) else tuple(found)
 
     def random_poses(self, count: int, margin: float, purpose: int) -> Matrix:
         """Return random poses of the box, widened by a share of its width on every side."""

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.cli_runner import error_line, here, json_answer, pmopt, strict_json
+from support.poses import constants_of
 
 from pmopt import api
 from pmopt.analysis.certification import boxes as certify
@@ -226,12 +227,12 @@ def test_curve_of_configurations(mode):
     rng = np.random.default_rng(3)
     poses = (design.lower + design.width * rng.random((3000, 3))).T
     margin, _ = sweeper.field(design, poses.copy())
-    a, c, l2, _, r, big_r, s, up, far = design.constants[:9]
+    geometry = constants_of(find("2uu-upu"), design).geometry
     places = []
     for pose in poses.T.tolist():
-        found = uu_upu.uup_pose(*pose, (a, c, l2, r, big_r, s, up, far))
+        turn = uu_upu.uup_pose(*pose, geometry).turn
         mu = math.sqrt(1 - (math.cos(pose[1]) * math.sin(pose[2])) ** 2)
-        places.append([math.atan2(found[3] / mu, found[6] * found[4] / mu), *pose[1:]])
+        places.append([math.atan2(turn.sphi / mu, turn.ck * turn.cphi / mu), *pose[1:]])
     points = (np.array(places) - enclosure.lower) / enclosure.width
     for level in (8, 10):
         halves = np.full_like(points, 0.5 ** (level + 1))
@@ -252,7 +253,8 @@ def test_solutions_lie_in_their_tubes():
     place = rng.uniform(-1, 1, (len(cells), 2))
     points = sheet._cell_centres[cells] + sheet._cell_halves[cells] * place
     tilts = sheet.lower[1:] + sheet.width[1:] * points
-    found = np.array([cur.cur_start(0.3, *tilt, design.constants) for tilt in tilts.tolist()])
+    constants = constants_of(find("3-cur"), design)
+    found = np.array([cur.cur_start(0.3, *tilt, constants) for tilt in tilts.tolist()])
     off = np.abs(found - tubes.at(cells, place))
     assert (off <= tubes.tight[cells] + 1e-12).all()
     assert (off.max(axis=0) > 1e-6).all()  # the radius is needed
@@ -272,11 +274,12 @@ def at_places(sweeper, design, enclosure, points):
     Reachable are the poses there; v is off from that of the root that the kernel finds.
     """
     places = enclosure.lower + enclosure.width * points
+    constants = constants_of(sweeper.mechanism, design)
     found = np.full((len(points), 2), -1.0)
     exists = np.zeros(len(points), dtype=bool)
     for k, place in enumerate(places.tolist()):
         try:
-            found[k] = uu_upu.uup_of_v(*place, design.constants)[:2]
+            found[k] = uu_upu.uup_of_v(*place, constants)[:2]
             exists[k] = True
         except ValueError:  # links too short
             pass
@@ -290,12 +293,12 @@ def at_places(sweeper, design, enclosure, points):
 
 def kernel_places(design, poses):
     """Return v of the root that the kernel finds at poses."""
-    a, c, l2, _, r, big_r, s, up, far = design.constants[:9]
+    geometry = constants_of(find("2uu-upu"), design).geometry
     places = []
     for pose in poses.tolist():
-        found = uu_upu.uup_pose(*pose, (a, c, l2, r, big_r, s, up, far))
+        turn = uu_upu.uup_pose(*pose, geometry).turn
         mu = math.sqrt(1 - (math.cos(pose[1]) * math.sin(pose[2])) ** 2)
-        places.append(math.atan2(found[3] / mu, found[6] * found[4] / mu))
+        places.append(math.atan2(turn.sphi / mu, turn.ck * turn.cphi / mu))
     return np.array(places)
 
 
@@ -329,6 +332,7 @@ def test_columns_are_told_right(params, given):
     tiny = np.repeat(0.5 ** (levels + 1.0), 3, axis=1)
     anywhere = (2 * np.floor(rng.random((3000, 3)) * 2.0**levels) + 1) * tiny
     centres, halves = np.concatenate([inner, anywhere]), np.concatenate([halves, tiny])
+    constants = constants_of(sweeper.mechanism, design)
     low, high = enclosure.shares(centres, halves)
     assert (low == 1).any() and (high == 0).any()
     for _ in range(4):
@@ -344,7 +348,7 @@ def test_columns_are_told_right(params, given):
         assert params.get("bs", 1.0) < params.get("ps", 0.0) or not missed.any()
         for place in (enclosure.lower + enclosure.width * points)[missed].tolist():
             assert abs(math.cos(place[1]) * math.sin(place[2])) < 0.01
-            way = [uu_upu.uup_of_v(place[0] * k / 500, *place[1:], design.constants)
+            way = [uu_upu.uup_of_v(place[0] * k / 500, *place[1:], constants)
                    for k in range(501)]  # fmt: skip
             assert min(one[1] for one in way) > 0 and way[-1][2] >= 0
         assert (found[low == 1, 1] >= -1e-12).all()

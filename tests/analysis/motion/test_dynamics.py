@@ -42,7 +42,7 @@ def test_posture_is_the_layout(name):
     mechanism = find(name)
     parameters = mechanism.resolve({})
     for mode in mechanism.working_modes[:2]:
-        constants = tuple(mechanism.kernel_constants(parameters, mode, 1.0, {}))
+        constants = mechanism.kernel_constants(parameters, mode, 1.0, {})
         for pose in course(name, T[:6])[0]:
             given = dict(zip([c.name for c in mechanism.pose], pose.tolist(), strict=True))
             solution = next(

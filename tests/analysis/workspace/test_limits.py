@@ -11,6 +11,7 @@ from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.analysis.workspace.projection import measure_projection
 from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.kernels.segment_distance import segment_distance2
 from pmopt.mechanisms import find
@@ -215,7 +216,7 @@ def test_projected_volume_where_it_is_known_otherwise(samples, largest):
     tilts = np.linspace(-0.9, 0.9, 401)
     beta, gamma = (m.ravel() for m in np.meshgrid(tilts, tilts, indexing="ij"))
     poses = np.stack([0 * beta, beta, gamma])
-    inside = sweeper.field(replace(design, constants=unbounded), poses)[0] >= 0
+    inside = sweeper.field(replace(design, constants=flat(unbounded)), poses)[0] >= 0
     facts = sweeper.probe(design, poses)
     heights = facts.segments[:, :3, 0, 2]  # of the sliders where z is 0
     depth = np.where(inside, 0.3 - np.ptp(heights, axis=1), 0.0).clip(0).reshape(401, 401)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from support import naive
+from support.poses import constants_of
 
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.compute import compute_workspace
@@ -67,7 +68,7 @@ def parts_of(sweeper, design, pose):
     """Return the parts of the line through a pose as (start, end) pairs, by the plain function."""
     mechanism, axis = sweeper.mechanism, sweeper.mechanism.line_axis
     low = design.lower[axis]
-    constants = tuple(design.constants[: mechanism.constant_count])
+    constants = constants_of(mechanism, design)
     flat = mechanism.line(*pose, low, low + design.width[axis], constants)
     assert len(flat) == 2 * mechanism.line_parts
     return list(zip(flat[::2], flat[1::2], strict=True))

@@ -675,7 +675,7 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
 def test_text_stands_alone():
     """The specialised module imports nothing of the package."""
     for norm in ("2", "fro"):
-        module = program_text.module_text(recipe(PAUU.kernel, norm, PAUU.constant_count))
+        module = program_text.module_text(recipe(PAUU.kernel, norm, PAUU.constants))
         compile(module, "specialised", "exec")
         assert "pmopt" not in re.sub(r":mod:`[^`]*`|:class:`[^`]*`", "", module)
         assert f"inverse_condition_{norm}(" in module

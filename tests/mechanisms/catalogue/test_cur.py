@@ -250,7 +250,7 @@ def test_nothing_is_lost_on_the_way_from_level(params, mode):
 
     The kernel takes ten steps in all.
     """
-    constants = tuple(CUR.kernel_constants(params, mode, 1.0, FREE))
+    constants = CUR.kernel_constants(params, mode, 1.0, FREE)
     signs = np.array(SIGNS[mode])
     furthest = 0.0
     for direction in np.radians([10, 100, 190, 280, 325]):
@@ -278,7 +278,7 @@ def test_margin_passes_zero_where_a_link_lies_flat(direction):
 
     On others it meets another solution and ends, some tenths of a degree to two before.
     """
-    constants = tuple(CUR.kernel_constants(DEFAULT, "up-up-up", 1.0, FREE))
+    constants = CUR.kernel_constants(DEFAULT, "up-up-up", 1.0, FREE)
     turns = np.linspace(0, math.radians(60), 401)
     direction = math.radians(direction)
     ray = [posed(0.3, t * math.cos(direction), t * math.sin(direction)) for t in turns]
@@ -332,7 +332,7 @@ def test_margin_is_the_limits_in_every_mode(mode):
     lower, upper = CUR.reach_box(params, near)
     # Tilts that the limits cut: up to 50 degrees.
     lower, upper = np.maximum(lower, [-9, -0.9, -0.9]), np.minimum(upper, [9, 0.9, 0.9])
-    constants = [tuple(CUR.kernel_constants(params, mode, 1.0, limits)) for limits in sets]
+    constants = [CUR.kernel_constants(params, mode, 1.0, limits) for limits in sets]
     total = 0
     for values in np.random.default_rng(8).uniform(lower, upper, (120, 3)).tolist():
         found = solutions(params, posed(*values)).get(mode)
@@ -517,7 +517,7 @@ def test_kernel_entries_are_the_homogenised_inverse_jacobian(params, pose, mode,
     """Up to the product of det F and the links' heights."""
     solution = solved(params, pose, mode)
     assume(away_from_flat(params, pose, solution, 0.02))
-    constants = tuple(CUR.kernel_constants(params, mode, length, FREE))
+    constants = CUR.kernel_constants(params, mode, length, FREE)
     margin, *entries = CUR.kernel(*pose.values(), constants)
     assert margin >= 0
     j_x, j_q = CUR.velocity_maps(params, pose, solution.joints)
@@ -631,7 +631,7 @@ def test_layout_carries_the_platform_along(params, mode):
 @pytest.mark.parametrize("mode", ["up-up-up", "down-down-down", "up-up-down"])
 def test_layout_and_skeleton_join_the_points(params, mode):
     """C on the columns, U on the sliders, R at the platform; segments and cones."""
-    constants = tuple(CUR.kernel_constants(params, mode, 1.0, FREE))
+    constants = CUR.kernel_constants(params, mode, 1.0, FREE)
     home = CUR.home(params)
     at_home = solutions(params, home)[mode]
     *_, limbs_home = limbs_of(params, home, at_home.parasitic, at_home.joints)

@@ -194,7 +194,7 @@ def test_margin_counts_each_limit_alone(name):
     """One joint limited, the others free: the margin is that joint's."""
     free = dict.fromkeys(JOINTS, (-math.inf, math.inf))
     for limits in ({**free, name: (900.0, 1000.0)}, {name: (900.0, 1000.0)}):
-        constants = tuple(RPS.kernel_constants(DEFAULT, "direct", 1.0, limits))
+        constants = RPS.kernel_constants(DEFAULT, "direct", 1.0, limits)
         for pose in random_poses(RPS, DEFAULT, 100):
             length = dict(zip(JOINTS, lengths_of(DEFAULT, pose), strict=True))[name]
             margin = RPS.kernel(*pose.values(), constants)[0]

@@ -193,7 +193,7 @@ def test_margin_counts_each_limit_alone(name):
     """One joint limited, the others free: the margin is that joint's."""
     limits = dict.fromkeys(("l1", "l2", "l3", "l4"), (-math.inf, math.inf)) | {name: (55.0, 70.0)}
     for ends in (limits, {name: (55.0, 70.0)}):
-        constants = tuple(SP.kernel_constants(DEFAULT, "direct", 1.0, ends))
+        constants = SP.kernel_constants(DEFAULT, "direct", 1.0, ends)
         for pose in random_poses(SP, DEFAULT, 100):
             length = dict(zip(limits, lengths_of(DEFAULT, pose), strict=True))[name]
             margin = SP.kernel(*pose.values(), constants)[0]
@@ -213,7 +213,7 @@ def test_reach_box_cuts_nothing_off(params, limits):
     lower, upper = SP.reach_box(params, limits)
     assert (lower[:3] <= [-math.pi, -math.pi / 2, -math.pi]).all()
     assert (upper[:3] >= [math.pi, math.pi / 2, math.pi]).all()
-    constants = tuple(SP.kernel_constants(params, "direct", 1.0, limits))
+    constants = SP.kernel_constants(params, "direct", 1.0, limits)
     rng = np.random.default_rng(4)
     met = []
     for values in rng.uniform([-3.14, -1.57, -3.14, 0], [3.14, 1.57, 3.14, 250], (20000, 4)):

@@ -42,7 +42,10 @@ def _traced(mechanism: Mechanism) -> TracedCurve:
     given = mechanism.curve
     assert given is not None
     return trace_curve(
-        given.outcome, len(mechanism.pose), given.coordinate, mechanism.constant_count
+        given.outcome,
+        len(mechanism.pose),
+        given.coordinate,
+        mechanism.constants or mechanism.constant_count,
     )
 
 

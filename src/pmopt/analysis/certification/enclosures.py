@@ -75,7 +75,9 @@ def enclose(
 
 @cache
 def _traced(mechanism: Mechanism) -> Traced:
-    return trace(mechanism.kernel, len(mechanism.pose), mechanism.constant_count)
+    return trace(
+        mechanism.kernel, len(mechanism.pose), mechanism.constants or mechanism.constant_count
+    )
 
 
 @cache
@@ -85,7 +87,7 @@ def traced_implicit(mechanism: Mechanism) -> TracedImplicit:
     assert given is not None
     return trace_implicit(
         given.residuals, given.outcome, len(mechanism.pose), given.unknowns,
-        mechanism.constant_count,
+        mechanism.constants or mechanism.constant_count,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.certification.enclosures import Array, Boxes, Enclosure, traced_implicit
 from pmopt.analysis.workspace.sweeper import Design
+from pmopt.compiler.records import named
 from pmopt.compiler.tracing import Tape
 from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
@@ -86,7 +87,7 @@ class Sheet(Enclosure):
         self._inner_slacks = graph.tape(
             [slack for slack in self._kept if not graph.inputs_of(slack) & outer]
         )
-        self._values = tuple(design.constants)
+        self._values = named(mechanism.constants or mechanism.constant_count, design.constants)
         home = mechanism.home(design.parameters)
         self._home = np.array([home[c.name] for c in mechanism.pose])
         # The box is widened to hold home; what this adds is cut off again as if by limits.

@@ -255,7 +255,7 @@ def compute_motion(
     )
     fields = [c for c, entries in sweeper.kernels.items() if "field" in entries]
     compile_ahead(
-        [*((c, "field") for c in fields), *((c, "move") for c in mover.kernels)], mover.threads
+        [*((c, "field") for c in fields), *((c, "move_all") for c in mover.kernels)], mover.threads
     )
     poses, rates, accelerations = trajectory.values, trajectory.rates, trajectory.accelerations
     spans: list[Span] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,11 @@ from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import programs
 from pmopt.compiler.machine_code import Compiled
 from pmopt.compiler.program_text import PLACE
+from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.execution.threads import default_threads, ordered_map
 from pmopt.kernels import inverse_dynamics
+from pmopt.kernels.inverse_dynamics import Model, Motion, Results, Scratch
 from pmopt.mechanisms.bodies import Body
 from pmopt.mechanisms.mechanism import (
     PLATFORM,
@@ -156,12 +157,15 @@ class Mover:
             [GRAVITY * d for d in mechanism.down] if gravity is None else gravity, dtype=float
         )
         self._constants = np.array(
-            mechanism.kernel_constants(parameters, working_mode, 1.0, {}), dtype=float
+            flat(mechanism.kernel_constants(parameters, working_mode, 1.0, {})), dtype=float
         )
         self._tables()
         self._kernel = programs.moving(
             programs.Moving(
-                posture, len(mechanism.pose), mechanism.constant_count, self._stance_size
+                posture,
+                len(mechanism.pose),
+                mechanism.constants or mechanism.constant_count,
+                self._stance_size,
             ),
             None
             if notify is None
@@ -235,7 +239,7 @@ class Mover:
     @property
     def kernels(self) -> dict[Compiled, tuple[str, ...]]:
         """The compiled text of this mover and the entry it calls."""
-        return {self._kernel: ("move",)}
+        return {self._kernel: ("move_all",)}
 
     def si(self, coordinates: Sequence[Coordinate]) -> Vector:
         """Return the factors that turn coordinates' rates to m and rad."""
@@ -272,16 +276,33 @@ class Mover:
             part = slice(start, min(start + _CHUNK, count))
             size = part.stop - start
             stance, moved = np.empty((size, self._stance_size)), np.empty((size, columns, 2))
-            self._kernel.move(
-                poses[part], scaled[0][part], scaled[1][part], self._constants, self.unit,
-                self.gravity, self._joints, self._limbs, self._roles, self._drives, self._bodies,
-                self._masses, int(masses), stance, platform[part], moved,
-                efforts[part], energies[part],
-                middles[part] if centres else np.empty((size, bodies, 9)),
-                matrix[part] if masses else np.empty((size, n, n)), inverse[part],
-                valid[part],
+            self._kernel.move_all(
+                *Motion(poses[part], scaled[0][part], scaled[1][part]),
+                *Model(
+                    constants=self._constants,
+                    unit=self.unit,
+                    gravity=self.gravity,
+                    joints=self._joints,
+                    limbs=self._limbs,
+                    roles=self._roles,
+                    drives=self._drives,
+                    bodies=self._bodies,
+                    masses=self._masses,
+                    with_mass_matrix=int(masses),
+                ),
+                *Results(
+                    stances=stance,
+                    platform=platform[part],
+                    rates=moved,
+                    efforts=efforts[part],
+                    energies=energies[part],
+                    centres=middles[part] if centres else np.empty((size, bodies, 9)),
+                    mass_matrix=matrix[part] if masses else np.empty((size, n, n)),
+                    inverse_jacobian=inverse[part],
+                    valid=valid[part],
+                ),
                 *_scratch(len(self._joints), columns, len(self._limbs), n),
-            )  # fmt: skip
+            )
             joints[part] = stance[:, PLACE : PLACE + n]
             passive[part] = stance[:, PLACE + n : PLACE + n + followed]
             turned[:, part] = moved[:, self._drives].transpose(2, 0, 1)
@@ -316,13 +337,25 @@ class Mover:
         return state
 
 
-def _scratch(joints: int, columns: int, limbs: int, order: int) -> tuple[Any, ...]:
-    """Return the scratch arrays of :func:`pmopt.kernels.inverse_dynamics.move`, in order."""
+def _scratch(joints: int, columns: int, limbs: int, order: int) -> Scratch:
+    """Return the scratch arrays of :func:`pmopt.kernels.inverse_dynamics.move`."""
     rows = 6 * limbs + order
-    return (
-        np.empty((columns, 6)), np.empty((columns, 6)), np.zeros((columns, 2, 6)),
-        np.empty((columns + limbs, 6)), np.empty((limbs + 3, 6)), np.empty((columns, 6)),
-        np.empty((rows, rows)), np.empty((6, 6)), np.empty((rows, max(6, order))),
-        np.empty((rows, 6)), np.empty((6, rows)), np.empty(rows), np.empty((columns, order)),
-        np.empty((3, 12)), np.empty((2, order, 6)), np.empty((6, 9)), np.empty(max(6, columns)),
-    )  # fmt: skip
+    return Scratch(
+        screws=np.empty((columns, 6)),
+        derivatives=np.empty((columns, 6)),
+        turned=np.zeros((columns, 2, 6)),
+        twists=np.empty((columns + limbs, 6)),
+        changes=np.empty((limbs + 3, 6)),
+        inverses=np.empty((columns, 6)),
+        qt=np.empty((rows, rows)),
+        r=np.empty((6, 6)),
+        square=np.empty((rows, max(6, order))),
+        rows=np.empty((rows, 6)),
+        pseudo=np.empty((6, rows)),
+        right=np.empty(rows),
+        by_pose=np.empty((columns, order)),
+        frames=np.empty((3, 12)),
+        partials=np.empty((2, order, 6)),
+        tensors=np.empty((6, 9)),
+        small=np.empty(max(6, columns)),
+    )

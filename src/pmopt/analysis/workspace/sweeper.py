@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from pmopt.analysis.record import Subject
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.compiler.machine_code import Compiled
-from pmopt.compiler.program_text import ENTRIES, PLACE, Recipe, specialise
+from pmopt.compiler.program_text import ENTRIES, PLACE, Checks, Recipe, specialise
+from pmopt.compiler.records import flat, size
 from pmopt.errors import InputError
 from pmopt.execution.threads import default_threads, ordered_map
 from pmopt.kernels import sweep
+from pmopt.kernels.vectors import Vec3
 from pmopt.mechanisms.mechanism import (
     Coordinate,
     JacobianKind,
@@ -218,7 +220,7 @@ class Sweeper:
             mechanism.kernel,
             mechanism.skeleton,
             len(mechanism.pose),
-            mechanism.constant_count,
+            mechanism.constants or mechanism.constant_count,
             len(mechanism.joints),
             settings.norm,
             mechanism.segments,
@@ -285,9 +287,10 @@ class Sweeper:
             )
 
         def ready(length: float) -> Design:
-            constants = mechanism.kernel_constants(parameters, self.working_mode, length, limits)
+            own = mechanism.kernel_constants(parameters, self.working_mode, length, limits)
+            constants = flat(own)
             if self._checks:
-                constants = [*constants, *self._check_constants()]
+                constants += flat(self._check_constants())
             return Design(parameters, length, limits, lower, width, cut, constants, asked, void)
 
         design = ready(length)
@@ -299,24 +302,26 @@ class Sweeper:
         """Return a design with an empty box, for one that can not be made ready."""
         axes = len(self.mechanism.pose)
         count = self.mechanism.constant_count
-        count += len(self._check_constants()) if self._checks else 0
+        count += size(Checks) if self._checks else 0
         return Design(
             parameters, 1.0, {}, np.zeros(axes), np.zeros(axes), np.zeros((axes, 2), dtype=bool),
             [0.0] * count,
         )  # fmt: skip
 
-    def _check_constants(self) -> list[float]:
+    def _check_constants(self) -> Checks:
         """Return what the margin's checks compare with; see pmopt.compiler.program_text."""
         settings = self.settings
         link = settings.link_diameter or 0.0
         half_sum = (link + (settings.platform_diameter or link)) / 2
         ends = [self.limits.get(c.name, (-math.inf, math.inf)) for c in TOOL]
-        return [
-            link * link, half_sum * half_sum,
-            -2.0 if settings.cone_angle is None else cos(settings.cone_angle),
-            *(settings.tool or (0.0, 0.0, 0.0)),
-            *(low for low, _ in ends), *(high for _, high in ends),
-        ]  # fmt: skip
+        return Checks(
+            limbs2=link * link,
+            platform2=half_sum * half_sum,
+            cosine=-2.0 if settings.cone_angle is None else cos(settings.cone_angle),
+            tool=Vec3(*(settings.tool or (0.0, 0.0, 0.0))),
+            low=Vec3(*(low for low, _ in ends)),
+            high=Vec3(*(high for _, high in ends)),
+        )
 
     def _best_length(self, ready: Callable[[float], Design], about: float) -> float:
         """Return the characteristic length with the largest GCI over a fixed sample.

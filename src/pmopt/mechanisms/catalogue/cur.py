@@ -32,9 +32,21 @@ import numpy as np
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.limbs import crossed
+from pmopt.kernels.limbs import cylindrical, revolute, universal
 from pmopt.kernels.octics import bernstein, nodes
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos
+from pmopt.kernels.vectors import (
+    Rotation,
+    Vec3,
+    Z,
+    dot,
+    least,
+    minus,
+    normal,
+    plus,
+    row_by_row,
+    xyz,
+)
 from pmopt.mechanisms.bodies import Body, disc, plate, tube
 from pmopt.mechanisms.catalogue.cur_forward import cur_assemble, cur_MODES, cur_WORK
 from pmopt.mechanisms.mechanism import (
@@ -53,8 +65,8 @@ from pmopt.mechanisms.mechanism import (
     Reach,
     Vector,
 )
-from pmopt.numerics import elementary
-from pmopt.numerics.matrices import determinant, dot, norm_of, product, solve
+from pmopt.numerics import elementary, matrices
+from pmopt.numerics.matrices import determinant, norm_of, product, solve
 from pmopt.numerics.rotation import rotation_matrices
 
 TINY = 1e-300
@@ -76,6 +88,133 @@ MODE_SIGNS = {
 _OURS = "ours: the paper gives no sizes"
 
 
+class Stroke(NamedTuple):
+    """Range of a slider's height h, m."""
+
+    low: float
+    high: float
+
+
+class Arc(NamedTuple):
+    """Range of an angle t: inside is cos(t - middle) >= cos(half-width)."""
+
+    cos: float  # of the middle
+    sin: float
+    least: float  # cos(half-width); -2 where all angles are allowed
+
+
+class Constants(NamedTuple):
+    """One design, as kernel, line, skeleton and posture take it."""
+
+    ra: float  # m
+    rb: float  # m
+    length: float  # L, m
+    d1: float  # m
+    up1: float  # 1 where limb 1 points up, -1 where it points down, by working mode
+    up2: float
+    up3: float
+    scale: float  # 1 / characteristic length, 1/m; 1 for the raw Jacobian
+    stroke1: Stroke
+    stroke2: Stroke
+    stroke3: Stroke
+    theta4: Arc
+    theta5: Arc
+    lowest: float  # sine of the links' elevation; infinite without a limit
+    highest: float
+    home1: Vec3  # direction of w_1 at home, base frame
+    home2: Vec3
+    home3: Vec3
+
+
+class Sizes(NamedTuple):
+    """What the limbs close by, lengths over L."""
+
+    ra: float
+    rb: float
+    up1: float
+    up2: float
+    up3: float
+
+
+class Flat(NamedTuple):
+    """Horizontal part of a vector."""
+
+    x: float
+    y: float
+
+
+class Turn(NamedTuple):
+    """Cosine and sine of an angle."""
+
+    c: float
+    s: float
+
+
+class State(NamedTuple):
+    """Unknowns of closing: p over L, alpha, theta_1 .. theta_3."""
+
+    px: float
+    py: float
+    yaw: Turn
+    turn1: Turn
+    turn2: Turn
+    turn3: Turn
+
+
+class Solved(NamedTuple):
+    """A state, and the largest gap over L that it leaves."""
+
+    state: State
+    gap: float
+
+
+class Tilt(NamedTuple):
+    """Horizontal parts of r_1', r_2', r_3' and z'."""
+
+    r1: Flat
+    r2: Flat
+    r3: Flat
+    z: Flat
+
+
+class Gap(NamedTuple):
+    """n = (u, v) of a limb, its moment about the origin, and by how much it does not close."""
+
+    u: float
+    v: float
+    moment: float
+    x: float
+    y: float
+
+
+class Adjugate(NamedTuple):
+    """Adjugate and determinant of a matrix."""
+
+    a11: float
+    a12: float
+    a13: float
+    a21: float
+    a22: float
+    a23: float
+    a31: float
+    a32: float
+    a33: float
+    det: float
+
+
+class Heights(NamedTuple):
+    """The z of r_i', of e_i, and of w_i over L."""
+
+    r: float
+    e: float
+    w: float
+
+
+def cur_sizes(k):  # type: ignore[no-untyped-def]
+    """Return what the limbs of a design close by."""
+    return Sizes(k.ra / k.length, k.rb / k.length, k.up1, k.up2, k.up3)
+
+
 def cur_tilt(beta, gamma):  # type: ignore[no-untyped-def]
     """Return the horizontal parts of r_1', r_2', r_3' and z'; r_1' has no y."""
     sin_b, cos_b = sin_cos(beta)
@@ -83,37 +222,51 @@ def cur_tilt(beta, gamma):  # type: ignore[no-untyped-def]
     tx = CUR_S2 * (sin_b * sin_g)
     ty = CUR_S2 * cos_g
     rx = CUR_C2 * cos_b
-    return cos_b, rx + tx, ty, rx - tx, -ty, sin_b * cos_g, -sin_g
+    return Tilt(
+        Flat(cos_b, 0.0), Flat(rx + tx, ty), Flat(rx - tx, -ty), Flat(sin_b * cos_g, -sin_g)
+    )
 
 
-def cur_columns(c, s, ra):  # type: ignore[no-untyped-def]
-    """Return Rz(-alpha) A_i, two coordinates each."""
+def cur_columns(yaw, ra):  # type: ignore[no-untyped-def]
+    """Return Rz(-alpha) A_i."""
+    c, s = yaw.c, yaw.s
     cx = CUR_C2 * ra * c
     cy = CUR_C2 * ra * s
     sx = CUR_S2 * ra * s
     sy = CUR_S2 * ra * c
-    return ra * c, -ra * s, cx + sx, sy - cy, cx - sx, -sy - cy
+    return Flat(ra * c, -ra * s), Flat(cx + sx, sy - cy), Flat(cx - sx, -sy - cy)
 
 
-def cur_gap(px, py, ax, ay, rx, ry, zx, zy, c, s, rb):  # type: ignore[no-untyped-def]
-    """Return n of a limb, its moment about the origin, and by how much the limb does not close."""
-    u = c * zy - s * ry
-    v = s * rx - c * zx
-    gap_x = px + (rb - c) * rx - s * zx - ax
-    gap_y = py + (rb - c) * ry - s * zy - ay
-    return u, v, ax * v - ay * u, gap_x, gap_y
+def cur_gap(px, py, a, r, z, turn, rb):  # type: ignore[no-untyped-def]
+    """Return how a limb closes: its column at ``a``, with the horizontal parts of r' and z'."""
+    c, s = turn.c, turn.s
+    u = c * z.y - s * r.y
+    v = s * r.x - c * z.x
+    gap_x = px + (rb - c) * r.x - s * z.x - a.x
+    gap_y = py + (rb - c) * r.y - s * z.y - a.y
+    return Gap(u, v, a.x * v - a.y * u, gap_x, gap_y)
 
 
-def cur_adjugate(a, b, c, d, e, f, g, h, i):  # type: ignore[no-untyped-def]
-    """Return adjugate and determinant of [[a, b, c], [d, e, f], [g, h, i]]."""
-    m11 = e * i - f * h
-    m21 = f * g - d * i
-    m31 = d * h - e * g
+def cur_gaps(state, tilt, ra, rb):  # type: ignore[no-untyped-def]
+    """Return how the limbs close."""
+    a1, a2, a3 = cur_columns(state.yaw, ra)
     return (
-        m11, c * h - b * i, b * f - c * e,
-        m21, a * i - c * g, c * d - a * f,
-        m31, b * g - a * h, a * e - b * d,
-        a * m11 + b * m21 + c * m31,
+        cur_gap(state.px, state.py, a1, tilt.r1, tilt.z, state.turn1, rb),
+        cur_gap(state.px, state.py, a2, tilt.r2, tilt.z, state.turn2, rb),
+        cur_gap(state.px, state.py, a3, tilt.r3, tilt.z, state.turn3, rb),
+    )
+
+
+def cur_adjugate(k1, k2, k3):  # type: ignore[no-untyped-def]
+    """Return adjugate and determinant of the limbs' rows (u, v, moment)."""
+    m11 = k2.v * k3.moment - k2.moment * k3.v
+    m21 = k2.moment * k3.u - k2.u * k3.moment
+    m31 = k2.u * k3.v - k2.v * k3.u
+    return Adjugate(
+        m11, k1.moment * k3.v - k1.v * k3.moment, k1.v * k2.moment - k1.moment * k2.v,
+        m21, k1.u * k3.moment - k1.moment * k3.u, k1.moment * k2.u - k1.u * k2.moment,
+        m31, k1.v * k3.u - k1.u * k3.v, k1.u * k2.v - k1.v * k2.u,
+        k1.u * m11 + k1.v * m21 + k1.moment * m31,
     )  # fmt: skip
 
 
@@ -123,65 +276,74 @@ def cur_short(step):  # type: ignore[no-untyped-def]
     return step if step > -CUR_LONGEST else -CUR_LONGEST
 
 
-def cur_turned(c, s, angle):  # type: ignore[no-untyped-def]
-    """Return cosine and sine turned by a small angle; to second order of a unit vector."""
-    turned_c = c - angle * s
-    turned_s = s + angle * c
-    scale = 1.5 - 0.5 * (turned_c * turned_c + turned_s * turned_s)
-    return turned_c * scale, turned_s * scale
+def cur_turned(turn, angle):  # type: ignore[no-untyped-def]
+    """Return a turn and a small angle more; to second order of a unit vector."""
+    c = turn.c - angle * turn.s
+    s = turn.s + angle * turn.c
+    scale = 1.5 - 0.5 * (c * c + s * s)
+    return Turn(c * scale, s * scale)
 
 
-def cur_along(limb, dx, dy):  # type: ignore[no-untyped-def]
+def cur_along(gap, dx, dy):  # type: ignore[no-untyped-def]
     """Return the turn of theta that closes a limb's gap, once moved by dx, dy, along itself."""
-    u, v, _, gap_x, gap_y = limb
-    return cur_short((u * (gap_y + dy) - v * (gap_x + dx)) / (u * u + v * v + TINY))
+    u, v = gap.u, gap.v
+    return cur_short((u * (gap.y + dy) - v * (gap.x + dx)) / (u * u + v * v + TINY))
 
 
 def cur_step(state, tilt, ra, rb):  # type: ignore[no-untyped-def]
-    """Return p, cos, sin of alpha and of the theta after a Newton step at a tilt; L is 1."""
-    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
-    r1x, r2x, r2y, r3x, r3y, zx, zy = tilt
-    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
-    k1 = cur_gap(px, py, a1x, a1y, r1x, 0.0, zx, zy, c1, s1, rb)
-    k2 = cur_gap(px, py, a2x, a2y, r2x, r2y, zx, zy, c2, s2, rb)
-    k3 = cur_gap(px, py, a3x, a3y, r3x, r3y, zx, zy, c3, s3, rb)
+    """Return the state after a Newton step at a tilt; L is 1."""
+    a1, a2, a3 = cur_columns(state.yaw, ra)
+    k1, k2, k3 = cur_gaps(state, tilt, ra, rb)
     # Across w's derivative by theta three equations are left, in p and alpha.
-    f1 = k1[0] * k1[3] + k1[1] * k1[4]
-    f2 = k2[0] * k2[3] + k2[1] * k2[4]
-    f3 = k3[0] * k3[3] + k3[1] * k3[4]
-    adj = cur_adjugate(k1[0], k1[1], k1[2], k2[0], k2[1], k2[2], k3[0], k3[1], k3[2])
-    unit = -adj[9] / (adj[9] * adj[9] + TINY)
-    dx = cur_short((adj[0] * f1 + adj[1] * f2 + adj[2] * f3) * unit)
-    dy = cur_short((adj[3] * f1 + adj[4] * f2 + adj[5] * f3) * unit)
-    da = cur_short((adj[6] * f1 + adj[7] * f2 + adj[8] * f3) * unit)
-    c1, s1 = cur_turned(c1, s1, cur_along(k1, dx - a1y * da, dy + a1x * da))
-    c2, s2 = cur_turned(c2, s2, cur_along(k2, dx - a2y * da, dy + a2x * da))
-    c3, s3 = cur_turned(c3, s3, cur_along(k3, dx - a3y * da, dy + a3x * da))
-    c, s = cur_turned(c, s, da)
-    return px + dx, py + dy, c, s, c1, s1, c2, s2, c3, s3
+    f1 = k1.u * k1.x + k1.v * k1.y
+    f2 = k2.u * k2.x + k2.v * k2.y
+    f3 = k3.u * k3.x + k3.v * k3.y
+    adj = cur_adjugate(k1, k2, k3)
+    unit = -adj.det / (adj.det * adj.det + TINY)
+    dx = cur_short((adj.a11 * f1 + adj.a12 * f2 + adj.a13 * f3) * unit)
+    dy = cur_short((adj.a21 * f1 + adj.a22 * f2 + adj.a23 * f3) * unit)
+    da = cur_short((adj.a31 * f1 + adj.a32 * f2 + adj.a33 * f3) * unit)
+    return State(
+        state.px + dx,
+        state.py + dy,
+        cur_turned(state.yaw, da),
+        cur_turned(state.turn1, cur_along(k1, dx - a1.y * da, dy + a1.x * da)),
+        cur_turned(state.turn2, cur_along(k2, dx - a2.y * da, dy + a2.x * da)),
+        cur_turned(state.turn3, cur_along(k3, dx - a3.y * da, dy + a3.x * da)),
+    )
+
+
+def cur_turn_ahead(turn, before, share):  # type: ignore[no-untyped-def]
+    """Return a turn as far ahead as the last one is behind, or a share of that."""
+    return cur_turned(turn, cur_short(share * (turn.s * before.c - turn.c * before.s)))
 
 
 def cur_ahead(state, before, share):  # type: ignore[no-untyped-def]
     """Return a state as far ahead as the last one is behind, or a share of that."""
-    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
-    qx, qy, d, t, d1, t1, d2, t2, d3, t3 = before
-    c, s = cur_turned(c, s, cur_short(share * (s * d - c * t)))
-    c1, s1 = cur_turned(c1, s1, cur_short(share * (s1 * d1 - c1 * t1)))
-    c2, s2 = cur_turned(c2, s2, cur_short(share * (s2 * d2 - c2 * t2)))
-    c3, s3 = cur_turned(c3, s3, cur_short(share * (s3 * d3 - c3 * t3)))
-    return px + share * (px - qx), py + share * (py - qy), c, s, c1, s1, c2, s2, c3, s3
+    return State(
+        state.px + share * (state.px - before.px),
+        state.py + share * (state.py - before.py),
+        cur_turn_ahead(state.yaw, before.yaw, share),
+        cur_turn_ahead(state.turn1, before.turn1, share),
+        cur_turn_ahead(state.turn2, before.turn2, share),
+        cur_turn_ahead(state.turn3, before.turn3, share),
+    )
 
 
-def cur_solve(beta, gamma, ra, rb, up1, up2, up3):  # type: ignore[no-untyped-def]
-    """Return p, cos, sin of alpha and of the theta, and the largest gap left; L is 1.
+def cur_solve(beta, gamma, sizes):  # type: ignore[no-untyped-def]
+    """Return the state that closes the limbs.
 
     From the level platform by way of 0.3, 0.6 and 0.8 of the tilt. Steps are written out: a loop
     within the sweep's loop over poses would keep that from being vectorised.
     """
+    ra, rb = sizes.ra, sizes.rb
     level = rb - ra
     square = 1.0 - level * level
     rise = math.sqrt(square if square > 0.0 else 0.0)
-    home = (0.0, 0.0, 1.0, 0.0, level, up1 * rise, level, up2 * rise, level, up3 * rise)
+    home = State(
+        0.0, 0.0, Turn(1.0, 0.0),
+        Turn(level, sizes.up1 * rise), Turn(level, sizes.up2 * rise), Turn(level, sizes.up3 * rise),
+    )  # fmt: skip
     first = cur_step(home, cur_tilt(0.3 * beta, 0.3 * gamma), ra, rb)
     state = cur_ahead(first, home, 1.0)
     second = cur_step(state, cur_tilt(0.6 * beta, 0.6 * gamma), ra, rb)
@@ -196,23 +358,13 @@ def cur_solve(beta, gamma, ra, rb, up1, up2, up3):  # type: ignore[no-untyped-de
     state = cur_step(state, tilt, ra, rb)
     state = cur_step(state, tilt, ra, rb)
     state = cur_step(state, tilt, ra, rb)
-    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
-    r1x, r2x, r2y, r3x, r3y, zx, zy = tilt
-    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
-    k1 = cur_gap(px, py, a1x, a1y, r1x, 0.0, zx, zy, c1, s1, rb)
-    k2 = cur_gap(px, py, a2x, a2y, r2x, r2y, zx, zy, c2, s2, rb)
-    k3 = cur_gap(px, py, a3x, a3y, r3x, r3y, zx, zy, c3, s3, rb)
-    worst = cur_more(abs(k1[3]), abs(k1[4]))
-    worst = cur_more(worst, cur_more(abs(k2[3]), abs(k2[4])))
-    worst = cur_more(worst, cur_more(abs(k3[3]), abs(k3[4])))
+    k1, k2, k3 = cur_gaps(state, tilt, ra, rb)
+    worst = cur_more(abs(k1.x), abs(k1.y))
+    worst = cur_more(worst, cur_more(abs(k2.x), abs(k2.y)))
+    worst = cur_more(worst, cur_more(abs(k3.x), abs(k3.y)))
     # A platform that can not be level has no home to start from.
     worst = worst if square > 0.0 else cur_more(worst, 1.0)
-    return px, py, c, s, c1, s1, c2, s2, c3, s3, worst
-
-
-def cur_less(a, b):  # type: ignore[no-untyped-def]
-    """Return the lesser of two."""
-    return a if a < b else b
+    return Solved(state, worst)
 
 
 def cur_more(a, b):  # type: ignore[no-untyped-def]
@@ -220,8 +372,8 @@ def cur_more(a, b):  # type: ignore[no-untyped-def]
     return a if a > b else b
 
 
-def cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3):  # type: ignore[no-untyped-def]
-    """Return the z of r_i', of e_i and of w_i over L, limb by limb."""
+def cur_heights(beta, gamma, turn1, turn2, turn3):  # type: ignore[no-untyped-def]
+    """Return the heights of each limb's vectors."""
     sin_b, cos_b = sin_cos(beta)
     sin_g, cos_g = sin_cos(gamma)
     tz = cos_b * sin_g
@@ -229,36 +381,50 @@ def cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3):  # type: ignore[no-untyped
     r2z = CUR_S2 * tz - CUR_C2 * sin_b
     r3z = -CUR_S2 * tz - CUR_C2 * sin_b
     return (
-        -sin_b, tz, s1 * zz - c1 * sin_b,
-        r2z, CUR_C2 * tz + CUR_S2 * sin_b, s2 * zz + c2 * r2z,
-        r3z, CUR_C2 * tz - CUR_S2 * sin_b, s3 * zz + c3 * r3z,
-    )  # fmt: skip
+        Heights(-sin_b, tz, turn1.s * zz - turn1.c * sin_b),
+        Heights(r2z, CUR_C2 * tz + CUR_S2 * sin_b, turn2.s * zz + turn2.c * r2z),
+        Heights(r3z, CUR_C2 * tz - CUR_S2 * sin_b, turn3.s * zz + turn3.c * r3z),
+    )
 
 
-def cur_limits(up, c, s, ez, wz, limits):  # type: ignore[no-untyped-def]
+def cur_heights_of(beta, gamma, state):  # type: ignore[no-untyped-def]
+    """Return the heights of each limb's vectors in a state."""
+    return cur_heights(beta, gamma, state.turn1, state.turn2, state.turn3)
+
+
+def cur_limits(up, turn, at, k):  # type: ignore[no-untyped-def]
     """Return the least slack over L of a limb's reach and of its passive joints' limits.
 
     theta4 turns the U joint's first axis, along n, to e: n . e = w_z and n . w = -e_z L^2 give
     tan theta4 = e_z L / w_z, and |n|^2 = w_z^2 + e_z^2 L^2.
     """
-    cos4, sin4, least4, cos5, sin5, least5, low, high = limits
-    height = up * wz
-    unit = 1.0 / math.sqrt(wz * wz + ez * ez + TINY)
-    slack = cur_less(height, cur_less(wz - low, high - wz))
-    slack = cur_less(slack, (height * cos4 + up * ez * sin4) * unit - least4)
-    return cur_less(slack, c * cos5 + s * sin5 - least5)
+    height = up * at.w
+    unit = 1.0 / math.sqrt(at.w * at.w + at.e * at.e + TINY)
+    slack = least(height, least(at.w - k.lowest, k.highest - at.w))
+    four = (height * k.theta4.cos + up * at.e * k.theta4.sin) * unit - k.theta4.least
+    slack = least(slack, four)
+    return least(slack, turn.c * k.theta5.cos + turn.s * k.theta5.sin - k.theta5.least)
 
 
-def cur_rates(about_x, about_y, d, rb, rx, ry, rz, wx, wy, wz):  # type: ignore[no-untyped-def]
-    """Return w_z h' of a limb by turns about x and y, times det F, and the rates that follow."""
-    turn = rb * (wy * rx - wx * ry)
+def cur_along_link(turn, r, z, height):  # type: ignore[no-untyped-def]
+    """Return w over L, before the platform yaws."""
+    return Vec3(turn.c * r.x + turn.s * z.x, turn.c * r.y + turn.s * z.y, height)
+
+
+def cur_rates(about_x, about_y, brace, r, w):  # type: ignore[no-untyped-def]
+    """Return w_z h' of a limb by turns about x and y, times det F, and the rates that follow.
+
+    ``brace`` is det F and Rb over L.
+    """
+    d, rb = brace
+    turn = rb * (w.y * r.x - w.x * r.y)
     return (
-        d * rb * (wz * ry - wy * rz) + wx * about_x[0] + wy * about_x[1] + turn * about_x[2],
-        d * rb * (wx * rz - wz * rx) + wx * about_y[0] + wy * about_y[1] + turn * about_y[2],
+        d * rb * (w.z * r.y - w.y * r.z) + w.x * about_x.x + w.y * about_x.y + turn * about_x.z,
+        d * rb * (w.x * r.z - w.z * r.x) + w.x * about_y.x + w.y * about_y.y + turn * about_y.z,
     )
 
 
-def cur_outcome(z, beta, gamma, state, closed, constants):  # type: ignore[no-untyped-def]
+def cur_outcome(z, beta, gamma, state, closed, k):  # type: ignore[no-untyped-def]
     """Return the margin and J^-1 times the determinants that can vanish, of a state.
 
     ``closed`` is >= 0 where the state closes the limbs. With rows F_i = (u, v, moment about P) of
@@ -267,61 +433,56 @@ def cur_outcome(z, beta, gamma, state, closed, constants):  # type: ignore[no-un
     counts with cos beta: the rest of the axis of gamma is along z and alpha makes up for it.
     Everything is multiplied by det F and the three w_z.
     """
-    (
-        ra, rb, length, d1, up1, up2, up3, scale, low1, high1, low2, high2, low3, high3,
-        cos4, sin4, least4, cos5, sin5, least5, low, high,
-        _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    ra = ra / length
-    rb = rb / length
-    px, py, c, s, c1, s1, c2, s2, c3, s3 = state
-    r1z, e1z, w1z, r2z, e2z, w2z, r3z, e3z, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
-    limits = (cos4, sin4, least4, cos5, sin5, least5, low, high)
-    margin = cur_less(closed, cur_limits(up1, c1, s1, e1z, w1z, limits))
-    margin = cur_less(margin, cur_limits(up2, c2, s2, e2z, w2z, limits))
-    margin = cur_less(margin, cur_limits(up3, c3, s3, e3z, w3z, limits))
-    l1 = rb * r1z - w1z
-    l2 = rb * r2z - w2z
-    l3 = rb * r3z - w3z
-    h1 = z + length * l1 - d1
-    h2 = z + length * l2 - d1
-    h3 = z + length * l3 - d1
-    margin = cur_less(length * margin, cur_less(h1 - low1, high1 - h1))
-    margin = cur_less(margin, cur_less(h2 - low2, high2 - h2))
-    margin = cur_less(margin, cur_less(h3 - low3, high3 - h3))
+    length = k.length
+    ra = k.ra / length
+    rb = k.rb / length
+    turn1, turn2, turn3 = state.turn1, state.turn2, state.turn3
+    at1, at2, at3 = cur_heights(beta, gamma, turn1, turn2, turn3)
+    margin = least(closed, cur_limits(k.up1, turn1, at1, k))
+    margin = least(margin, cur_limits(k.up2, turn2, at2, k))
+    margin = least(margin, cur_limits(k.up3, turn3, at3, k))
+    l1 = rb * at1.r - at1.w
+    l2 = rb * at2.r - at2.w
+    l3 = rb * at3.r - at3.w
+    h1 = z + length * l1 - k.d1
+    h2 = z + length * l2 - k.d1
+    h3 = z + length * l3 - k.d1
+    margin = least(length * margin, least(h1 - k.stroke1.low, k.stroke1.high - h1))
+    margin = least(margin, least(h2 - k.stroke2.low, k.stroke2.high - h2))
+    margin = least(margin, least(h3 - k.stroke3.low, k.stroke3.high - h3))
 
-    r1x, r2x, r2y, r3x, r3y, zx, zy = cur_tilt(beta, gamma)
-    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
+    r1, r2, r3, lean = cur_tilt(beta, gamma)
+    a1, a2, a3 = cur_columns(state.yaw, ra)
     # About P: the moments of A_i - P, which are b_i - w_i horizontally.
-    u1, v1, m1, _, _ = cur_gap(0.0, 0.0, a1x - px, a1y - py, r1x, 0.0, zx, zy, c1, s1, rb)
-    u2, v2, m2, _, _ = cur_gap(0.0, 0.0, a2x - px, a2y - py, r2x, r2y, zx, zy, c2, s2, rb)
-    u3, v3, m3, _, _ = cur_gap(0.0, 0.0, a3x - px, a3y - py, r3x, r3y, zx, zy, c3, s3, rb)
-    a11, a12, a13, a21, a22, a23, a31, a32, a33, d = cur_adjugate(
-        u1, v1, m1, u2, v2, m2, u3, v3, m3
+    px, py = state.px, state.py
+    k1 = cur_gap(0.0, 0.0, Flat(a1.x - px, a1.y - py), r1, lean, turn1, rb)
+    k2 = cur_gap(0.0, 0.0, Flat(a2.x - px, a2.y - py), r2, lean, turn2, rb)
+    k3 = cur_gap(0.0, 0.0, Flat(a3.x - px, a3.y - py), r3, lean, turn3, rb)
+    adj = cur_adjugate(k1, k2, k3)
+    about_x = Vec3(
+        adj.a11 * l1 * k1.v + adj.a12 * l2 * k2.v + adj.a13 * l3 * k3.v,
+        adj.a21 * l1 * k1.v + adj.a22 * l2 * k2.v + adj.a23 * l3 * k3.v,
+        adj.a31 * l1 * k1.v + adj.a32 * l2 * k2.v + adj.a33 * l3 * k3.v,
     )
-    about_x = (
-        a11 * l1 * v1 + a12 * l2 * v2 + a13 * l3 * v3,
-        a21 * l1 * v1 + a22 * l2 * v2 + a23 * l3 * v3,
-        a31 * l1 * v1 + a32 * l2 * v2 + a33 * l3 * v3,
+    about_y = Vec3(
+        -(adj.a11 * l1 * k1.u + adj.a12 * l2 * k2.u + adj.a13 * l3 * k3.u),
+        -(adj.a21 * l1 * k1.u + adj.a22 * l2 * k2.u + adj.a23 * l3 * k3.u),
+        -(adj.a31 * l1 * k1.u + adj.a32 * l2 * k2.u + adj.a33 * l3 * k3.u),
     )
-    about_y = (
-        -(a11 * l1 * u1 + a12 * l2 * u2 + a13 * l3 * u3),
-        -(a21 * l1 * u1 + a22 * l2 * u2 + a23 * l3 * u3),
-        -(a31 * l1 * u1 + a32 * l2 * u2 + a33 * l3 * u3),
-    )
-    x1, y1 = cur_rates(about_x, about_y, d, rb, r1x, 0.0, r1z, c1 * r1x + s1 * zx, s1 * zy, w1z)
-    x2, y2 = cur_rates(
-        about_x, about_y, d, rb, r2x, r2y, r2z, c2 * r2x + s2 * zx, c2 * r2y + s2 * zy, w2z
-    )
-    x3, y3 = cur_rates(
-        about_x, about_y, d, rb, r3x, r3y, r3z, c3 * r3x + s3 * zx, c3 * r3y + s3 * zy, w3z
-    )
-    scale = scale * length
-    scale_x = scale * r1x  # r_1' is cos beta along x
-    z23 = w2z * w3z
-    z13 = w1z * w3z
-    z12 = w1z * w2z
-    all_z = d * z12 * w3z
+    brace = (adj.det, rb)
+    # r_1' has no y.
+    w1 = Vec3(turn1.c * r1.x + turn1.s * lean.x, turn1.s * lean.y, at1.w)
+    w2 = cur_along_link(turn2, r2, lean, at2.w)
+    w3 = cur_along_link(turn3, r3, lean, at3.w)
+    x1, y1 = cur_rates(about_x, about_y, brace, Vec3(r1.x, r1.y, at1.r), w1)
+    x2, y2 = cur_rates(about_x, about_y, brace, Vec3(r2.x, r2.y, at2.r), w2)
+    x3, y3 = cur_rates(about_x, about_y, brace, Vec3(r3.x, r3.y, at3.r), w3)
+    scale = k.scale * length
+    scale_x = scale * r1.x  # r_1' is cos beta along x
+    z23 = at2.w * at3.w
+    z13 = at1.w * at3.w
+    z12 = at1.w * at2.w
+    all_z = adj.det * z12 * at3.w
     return (
         margin,
         all_z, y1 * z23 * scale, x1 * z23 * scale_x,
@@ -330,18 +491,11 @@ def cur_outcome(z, beta, gamma, state, closed, constants):  # type: ignore[no-un
     )  # fmt: skip
 
 
-def cur_kernel(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def cur_kernel(z, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return the margin and J^-1 times the determinants that can vanish; see cur_outcome."""
-    (
-        ra, rb, length, _, up1, up2, up3, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-        _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    ra = ra / length
-    rb = rb / length
-    px, py, c, s, c1, s1, c2, s2, c3, s3, gap = cur_solve(beta, gamma, ra, rb, up1, up2, up3)
-    closed = 1.0 if gap <= CUR_TOLERANCE else -gap
-    state = (px, py, c, s, c1, s1, c2, s2, c3, s3)
-    return cur_outcome(z, beta, gamma, state, closed, constants)
+    solved = cur_solve(beta, gamma, cur_sizes(k))
+    closed = 1.0 if solved.gap <= CUR_TOLERANCE else -solved.gap
+    return cur_outcome(z, beta, gamma, solved.state, closed, k)
 
 
 def cur_principal(angle):  # type: ignore[no-untyped-def]
@@ -354,24 +508,22 @@ def cur_passive(out, across, lean, turn, yaw, place):  # type: ignore[no-untyped
 
     Parameters
     ----------
-    out, across, lean : tuple of 3
+    out, across, lean : Vec3
         r_i, t_i and z of the platform, before it yaws.
-    turn, yaw : tuple of 2
-        Cosine and sine of theta5 and of alpha.
-    place : tuple of 2
-        Cosine and sine of the limb's azimuth.
+    turn, yaw, place : Turn
+        theta5, alpha and the limb's azimuth.
     """
-    ct, st = turn
-    c, s = yaw
-    ci, si = place
-    ex = c * across[0] - s * across[1]
-    ey = s * across[0] + c * across[1]
-    ez = across[2]
-    vx = ct * out[0] + st * lean[0]
-    vy = ct * out[1] + st * lean[1]
+    ct, st = turn.c, turn.s
+    c, s = yaw.c, yaw.s
+    ci, si = place.c, place.s
+    ex = c * across.x - s * across.y
+    ey = s * across.x + c * across.y
+    ez = across.z
+    vx = ct * out.x + st * lean.x
+    vy = ct * out.y + st * lean.y
     wx = c * vx - s * vy
     wy = s * vx + c * vy
-    wz = ct * out[2] + st * lean[2]
+    wz = ct * out.z + st * lean.z
     # The U joint's axes: the second one across e and w, the first one across it and level.
     nx = ey * wz - ez * wy
     ny = ez * wx - ex * wz
@@ -415,38 +567,34 @@ def cur_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
         up1 = 1.0 if mode < 4 else -1.0
         up2 = 1.0 if mode % 4 < 2 else -1.0
         up3 = 1.0 if mode % 2 < 1 else -1.0
-        px, py, c, s, c1, s1, c2, s2, c3, s3, gap = cur_solve(
-            beta, gamma, ra / length, rb / length, up1, up2, up3
-        )
-        r1z, e1z, w1z, r2z, e2z, w2z, r3z, e3z, w3z = cur_heights(
-            beta, gamma, c1, s1, c2, s2, c3, s3
-        )
-        closed = gap <= CUR_TOLERANCE and up1 * w1z >= 0.0
-        if not (closed and up2 * w2z >= 0.0 and up3 * w3z >= 0.0):
+        state, gap = cur_solve(beta, gamma, Sizes(ra / length, rb / length, up1, up2, up3))
+        at1, at2, at3 = cur_heights_of(beta, gamma, state)
+        closed = gap <= CUR_TOLERANCE and up1 * at1.w >= 0.0
+        if not (closed and up2 * at2.w >= 0.0 and up3 * at3.w >= 0.0):
             continue
+        c, s = state.yaw
         row = found[count]
         row[0] = mode
-        row[1] = z + (rb * r1z - length * w1z) - d1
-        row[2] = z + (rb * r2z - length * w2z) - d1
-        row[3] = z + (rb * r3z - length * w3z) - d1
-        row[4] = length * (c * px - s * py)
-        row[5] = length * (s * px + c * py)
+        row[1] = z + (rb * at1.r - length * at1.w) - d1
+        row[2] = z + (rb * at2.r - length * at2.w) - d1
+        row[3] = z + (rb * at3.r - length * at3.w) - d1
+        row[4] = length * (c * state.px - s * state.py)
+        row[5] = length * (s * state.px + c * state.py)
         row[6] = cur_principal(arc_tangent(s, c))
-        lean = (tilt[5], tilt[6], cos_b * cos_g)
+        lean = Vec3(tilt.z.x, tilt.z.y, cos_b * cos_g)
         across_x = sin_b * sin_g
-        first = cur_passive(
-            (tilt[0], 0.0, r1z), (across_x, cos_g, e1z), lean, (c1, s1), (c, s), (1.0, 0.0)
-        )
-        second = cur_passive(
-            (tilt[1], tilt[2], r2z),
-            (CUR_C2 * across_x - CUR_S2 * cos_b, CUR_C2 * cos_g, e2z),
-            lean, (c2, s2), (c, s), (CUR_C2, CUR_S2),
-        )  # fmt: skip
-        third = cur_passive(
-            (tilt[3], tilt[4], r3z),
-            (CUR_C2 * across_x + CUR_S2 * cos_b, CUR_C2 * cos_g, e3z),
-            lean, (c3, s3), (c, s), (CUR_C2, -CUR_S2),
-        )  # fmt: skip
+        across1 = Vec3(across_x, cos_g, at1.e)
+        across2 = Vec3(CUR_C2 * across_x - CUR_S2 * cos_b, CUR_C2 * cos_g, at2.e)
+        across3 = Vec3(CUR_C2 * across_x + CUR_S2 * cos_b, CUR_C2 * cos_g, at3.e)
+        out1 = Vec3(tilt.r1.x, tilt.r1.y, at1.r)
+        out2 = Vec3(tilt.r2.x, tilt.r2.y, at2.r)
+        out3 = Vec3(tilt.r3.x, tilt.r3.y, at3.r)
+        place1 = Turn(1.0, 0.0)
+        place2 = Turn(CUR_C2, CUR_S2)
+        place3 = Turn(CUR_C2, -CUR_S2)
+        first = cur_passive(out1, across1, lean, state.turn1, state.yaw, place1)
+        second = cur_passive(out2, across2, lean, state.turn2, state.yaw, place2)
+        third = cur_passive(out3, across3, lean, state.turn3, state.yaw, place3)
         for k in range(5):
             row[7 + k] = first[k]
             row[12 + k] = second[k]
@@ -455,145 +603,191 @@ def cur_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
     return count, True
 
 
+def cur_turn(angle):  # type: ignore[no-untyped-def]
+    """Return cosine and sine."""
+    sine, cosine = sin_cos(angle)
+    return Turn(cosine, sine)
+
+
 def cur_state(px, py, alpha, theta1, theta2, theta3):  # type: ignore[no-untyped-def]
     """Return the state at the six unknowns."""
-    s, c = sin_cos(alpha)
-    s1, c1 = sin_cos(theta1)
-    s2, c2 = sin_cos(theta2)
-    s3, c3 = sin_cos(theta3)
-    return px, py, c, s, c1, s1, c2, s2, c3, s3
+    return State(px, py, cur_turn(alpha), cur_turn(theta1), cur_turn(theta2), cur_turn(theta3))
 
 
-def cur_residuals(z, beta, gamma, unknowns, constants):  # type: ignore[no-untyped-def]
+def cur_residuals(z, beta, gamma, unknowns, k):  # type: ignore[no-untyped-def]
     """Return by how much the limbs do not close horizontally, over L."""
-    ra = constants[0] / constants[2]
-    rb = constants[1] / constants[2]
-    px, py, c, s, c1, s1, c2, s2, c3, s3 = cur_state(*unknowns)
-    r1x, r2x, r2y, r3x, r3y, zx, zy = cur_tilt(beta, gamma)
-    a1x, a1y, a2x, a2y, a3x, a3y = cur_columns(c, s, ra)
-    k1 = cur_gap(px, py, a1x, a1y, r1x, 0.0, zx, zy, c1, s1, rb)
-    k2 = cur_gap(px, py, a2x, a2y, r2x, r2y, zx, zy, c2, s2, rb)
-    k3 = cur_gap(px, py, a3x, a3y, r3x, r3y, zx, zy, c3, s3, rb)
-    return k1[3], k1[4], k2[3], k2[4], k3[3], k3[4]
+    ra = k.ra / k.length
+    rb = k.rb / k.length
+    state = cur_state(*unknowns)
+    k1, k2, k3 = cur_gaps(state, cur_tilt(beta, gamma), ra, rb)
+    return k1.x, k1.y, k2.x, k2.y, k3.x, k3.y
 
 
-def cur_of_unknowns(z, beta, gamma, unknowns, constants):  # type: ignore[no-untyped-def]
+def cur_of_unknowns(z, beta, gamma, unknowns, k):  # type: ignore[no-untyped-def]
     """Return what the kernel does, at unknowns that close the limbs."""
-    return cur_outcome(z, beta, gamma, cur_state(*unknowns), 1.0, constants)
+    return cur_outcome(z, beta, gamma, cur_state(*unknowns), 1.0, k)
 
 
-def cur_start(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def cur_start(z, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return the kernel's solution as the six unknowns."""
-    ra, rb = constants[0] / constants[2], constants[1] / constants[2]
     with np.errstate(over="ignore", invalid="ignore"):
-        px, py, c, s, c1, s1, c2, s2, c3, s3, _ = cur_solve(beta, gamma, ra, rb, *constants[4:7])
-    turns = ((s, c), (s1, c1), (s2, c2), (s3, c3))
-    return [px, py, *(elementary.atan2(*turn) for turn in turns)]
+        px, py, *turns = cur_solve(beta, gamma, cur_sizes(k)).state
+    return [px, py, *(elementary.atan2(turn.s, turn.c) for turn in turns)]
 
 
-def cur_line(z, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]
+def cur_line(z, beta, gamma, low, high, k):  # type: ignore[no-untyped-def]
     """Return what the strokes leave of a line along z: h_i - z follows from the tilt alone."""
-    (
-        ra, rb, length, d1, up1, up2, up3, _, low1, high1, low2, high2, low3, high3,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    ra = ra / length
-    rb = rb / length
-    _, _, _, _, c1, s1, c2, s2, c3, s3, _ = cur_solve(beta, gamma, ra, rb, up1, up2, up3)
-    r1z, _, w1z, r2z, _, w2z, r3z, _, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
-    z1 = d1 - length * (rb * r1z - w1z)
-    z2 = d1 - length * (rb * r2z - w2z)
-    z3 = d1 - length * (rb * r3z - w3z)
-    start = cur_more(cur_more(low1 + z1, low2 + z2), cur_more(low3 + z3, low))
-    return start, cur_less(cur_less(high1 + z1, high2 + z2), cur_less(high3 + z3, high))
-
-
-def cur_skeleton(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
-    """Return the platform, the three links and the platform's spokes, and the cones."""
-    (
-        ra, rb, length, _, up1, up2, up3, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-        f1x, f1y, f1z, f2x, f2y, f2z, f3x, f3y, f3z,
-    ) = constants  # fmt: skip
-    px, py, c, s, c1, s1, c2, s2, c3, s3, _ = cur_solve(
-        beta, gamma, ra / length, rb / length, up1, up2, up3
+    length, d1 = k.length, k.d1
+    rb = k.rb / length
+    at1, at2, at3 = cur_heights_of(beta, gamma, cur_solve(beta, gamma, cur_sizes(k)).state)
+    z1 = d1 - length * (rb * at1.r - at1.w)
+    z2 = d1 - length * (rb * at2.r - at2.w)
+    z3 = d1 - length * (rb * at3.r - at3.w)
+    start = cur_more(
+        cur_more(k.stroke1.low + z1, k.stroke2.low + z2), cur_more(k.stroke3.low + z3, low)
     )
-    r1z, _, w1z, r2z, _, w2z, r3z, _, w3z = cur_heights(beta, gamma, c1, s1, c2, s2, c3, s3)
-    r1x, r2x, r2y, r3x, r3y, zx, zy = cur_tilt(beta, gamma)
-    x = length * (c * px - s * py)
-    y = length * (s * px + c * py)
-    b1x, b1y, b1z = rb * c * r1x, rb * s * r1x, rb * r1z
-    b2x, b2y, b2z = rb * (c * r2x - s * r2y), rb * (s * r2x + c * r2y), rb * r2z
-    b3x, b3y, b3z = rb * (c * r3x - s * r3y), rb * (s * r3x + c * r3y), rb * r3z
-    g1x, g1y = c1 * r1x + s1 * zx, s1 * zy
-    g2x, g2y = c2 * r2x + s2 * zx, c2 * r2y + s2 * zy
-    g3x, g3y = c3 * r3x + s3 * zx, c3 * r3y + s3 * zy
+    return start, least(
+        least(k.stroke1.high + z1, k.stroke2.high + z2), least(k.stroke3.high + z3, high)
+    )
+
+
+def cur_yawed(yaw, x, y, z):  # type: ignore[no-untyped-def]
+    """Return a vector, turned about z."""
+    return Vec3(yaw.c * x - yaw.s * y, yaw.s * x + yaw.c * y, z)
+
+
+class Frame(NamedTuple):
+    """A configuration, base frame, m: state, platform, its R joints and the U joints."""
+
+    state: State
+    p: Vec3
+    rotation: Rotation
+    b1: Vec3
+    b2: Vec3
+    b3: Vec3
+    u1: Vec3
+    u2: Vec3
+    u3: Vec3
+    link1: Vec3  # directions w_i / L
+    link2: Vec3
+    link3: Vec3
+
+
+def cur_frame(z, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return a configuration."""
+    ra, rb, length = k.ra, k.rb, k.length
+    state = cur_solve(beta, gamma, cur_sizes(k)).state
+    at1, at2, at3 = cur_heights_of(beta, gamma, state)
+    r1, r2, r3, lean = cur_tilt(beta, gamma)
+    yaw = state.yaw
+    c, s = yaw.c, yaw.s
+    p = Vec3(length * (c * state.px - s * state.py), length * (s * state.px + c * state.py), z)
+    b1 = Vec3(rb * c * r1.x, rb * s * r1.x, rb * at1.r)  # r_1' has no y
+    b2 = Vec3(rb * (c * r2.x - s * r2.y), rb * (s * r2.x + c * r2.y), rb * at2.r)
+    b3 = Vec3(rb * (c * r3.x - s * r3.y), rb * (s * r3.x + c * r3.y), rb * at3.r)
+    g1 = Flat(state.turn1.c * r1.x + state.turn1.s * lean.x, state.turn1.s * lean.y)
+    g2 = cur_along_link(state.turn2, r2, lean, at2.w)
+    g3 = cur_along_link(state.turn3, r3, lean, at3.w)
     sin_b, cos_b = sin_cos(beta)
     sin_g, cos_g = sin_cos(gamma)
     tx = sin_b * sin_g
-    return (
-        x, y, z,
-        c * cos_b, c * tx - s * cos_g, c * zx - s * zy,
-        s * cos_b, s * tx + c * cos_g, s * zx + c * zy,
+    rotation = Rotation(
+        c * cos_b, c * tx - s * cos_g, c * lean.x - s * lean.y,
+        s * cos_b, s * tx + c * cos_g, s * lean.x + c * lean.y,
         -sin_b, cos_b * sin_g, cos_b * cos_g,
-        ra, 0.0, z + b1z - length * w1z, x + b1x, y + b1y, z + b1z,
-        ra * CUR_C2, ra * CUR_S2, z + b2z - length * w2z, x + b2x, y + b2y, z + b2z,
-        ra * CUR_C2, -ra * CUR_S2, z + b3z - length * w3z, x + b3x, y + b3y, z + b3z,
-        x, y, z, x + b1x, y + b1y, z + b1z,
-        x, y, z, x + b2x, y + b2y, z + b2z,
-        x, y, z, x + b3x, y + b3y, z + b3z,
-        (c * g1x - s * g1y) * f1x + (s * g1x + c * g1y) * f1y + w1z * f1z,
-        (c * g2x - s * g2y) * f2x + (s * g2x + c * g2y) * f2y + w2z * f2z,
-        (c * g3x - s * g3y) * f3x + (s * g3x + c * g3y) * f3y + w3z * f3z,
     )  # fmt: skip
-
-
-def cur_limb(ax, ay, h, bx, by, bz, ex, ey, ez, c, s):  # type: ignore[no-untyped-def]
-    """Return theta2 .. theta5 of a limb and point and axes of C, U and R.
-
-    (ax, ay) is the column at azimuth (c, s), b and e the R joint, h the height of the U joint.
-    """
-    wx, wy, wz = bx - ax, by - ay, bz - h
-    x4, y4, z4 = crossed(ex, ey, ez, wx, wy, wz)
-    fx, fy, _ = crossed(0.0, 0.0, 1.0, x4, y4, z4)
-    side = 1.0 if fx * ex + fy * ey > 0.0 else -1.0
-    fx = side * fx
-    fy = side * fy
-    # The link's direction across both axes, and the U joint's axis across the first and z.
-    kx, ky, kz = -z4 * fy, z4 * fx, x4 * fy - y4 * fx
-    qx, qy, qz = fy * ez, -fx * ez, fx * ey - fy * ex
-    theta2 = arc_tangent(-(fx * c + fy * s), fy * c - fx * s)
-    theta3 = arc_tangent(kz, kx * fy - ky * fx)
-    theta4 = arc_tangent(x4 * qx + y4 * qy + z4 * qz, fx * ex + fy * ey)
-    return (theta2, theta3, theta4), (
-        ax, ay, 0.0, 0.0, 0.0, 1.0,
-        ax, ay, h, fx, fy, 0.0, x4, y4, z4,
-        bx, by, bz, ex, ey, ez,
-    )  # fmt: skip
-
-
-def cur_posture(z, beta, gamma, constants):  # type: ignore[no-untyped-def]
-    """Return platform, heights, passive angles and joints."""
-    d1 = constants[3]
-    s = cur_skeleton(z, beta, gamma, constants)
-    x1, x2 = s[4], CUR_C2 * s[4] - CUR_S2 * s[3]
-    y1, y2 = s[7], CUR_C2 * s[7] - CUR_S2 * s[6]
-    z1, z2 = s[10], CUR_C2 * s[10] - CUR_S2 * s[9]
-    x3, y3, z3 = (
-        CUR_C2 * s[4] + CUR_S2 * s[3],
-        CUR_C2 * s[7] + CUR_S2 * s[6],
-        (CUR_C2 * s[10] + CUR_S2 * s[9]),
+    return Frame(
+        state,
+        p,
+        rotation,
+        b1=plus(p, b1),
+        b2=plus(p, b2),
+        b3=plus(p, b3),
+        u1=Vec3(ra, 0.0, z + b1.z - length * at1.w),
+        u2=Vec3(ra * CUR_C2, ra * CUR_S2, z + b2.z - length * at2.w),
+        u3=Vec3(ra * CUR_C2, -ra * CUR_S2, z + b3.z - length * at3.w),
+        link1=cur_yawed(yaw, g1.x, g1.y, at1.w),
+        link2=cur_yawed(yaw, g2.x, g2.y, at2.w),
+        link3=cur_yawed(yaw, g3.x, g3.y, at3.w),
     )
-    q1, k1 = cur_limb(s[12], s[13], s[14], s[15], s[16], s[17], x1, y1, z1, 1.0, 0.0)
-    q2, k2 = cur_limb(s[18], s[19], s[20], s[21], s[22], s[23], x2, y2, z2, CUR_C2, CUR_S2)
-    q3, k3 = cur_limb(s[24], s[25], s[26], s[27], s[28], s[29], x3, y3, z3, CUR_C2, -CUR_S2)
-    state = cur_solve(
-        beta, gamma, constants[0] / constants[2], constants[1] / constants[2],
-        constants[4], constants[5], constants[6],
-    )  # fmt: skip
+
+
+def cur_skeleton(z, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return the platform, the three links and the platform's spokes, and the cones."""
+    at = cur_frame(z, beta, gamma, k)
+    p = xyz(at.p)
+    b1 = xyz(at.b1)
+    b2 = xyz(at.b2)
+    b3 = xyz(at.b3)
     return (
-        *s[:12], s[14] - d1, s[20] - d1, s[26] - d1,
-        *q1, arc_tangent(state[5], state[4]), *q2, arc_tangent(state[7], state[6]),
-        *q3, arc_tangent(state[9], state[8]), *k1, *k2, *k3,
+        *p, *row_by_row(at.rotation),
+        *xyz(at.u1), *b1, *xyz(at.u2), *b2, *xyz(at.u3), *b3,
+        *p, *b1, *p, *b2, *p, *b3,
+        dot(at.link1, k.home1), dot(at.link2, k.home2), dot(at.link3, k.home3),
+    )  # fmt: skip
+
+
+class Passive(NamedTuple):
+    """A limb's angles, rad, and the axes of its U joint."""
+
+    theta2: float
+    theta3: float
+    theta4: float
+    first: Vec3
+    second: Vec3
+
+
+def cur_limb(u, b, e, azimuth):  # type: ignore[no-untyped-def]
+    """Return what is passive in a limb, from its U joint, its R joint and that joint's axis."""
+    second = normal(e, minus(b, u))
+    f = normal(Z, second)
+    side = 1.0 if f.x * e.x + f.y * e.y > 0.0 else -1.0
+    fx = side * f.x
+    fy = side * f.y
+    c, s = azimuth.c, azimuth.s
+    # The link's direction across both axes, and the U joint's axis across the first and z.
+    kx, ky, kz = -second.z * fy, second.z * fx, second.x * fy - second.y * fx
+    across = Vec3(fy * e.z, -fx * e.z, fx * e.y - fy * e.x)
+    return Passive(
+        arc_tangent(-(fx * c + fy * s), fy * c - fx * s),
+        arc_tangent(kz, kx * fy - ky * fx),
+        arc_tangent(dot(second, across), fx * e.x + fy * e.y),
+        Vec3(fx, fy, 0.0),
+        second,
+    )
+
+
+def cur_joints(u, b, e, passive):  # type: ignore[no-untyped-def]
+    """Return point and axes of C, U and R."""
+    return (
+        *cylindrical(Vec3(u.x, u.y, 0.0), Z), *universal(u, passive.first, passive.second),
+        *revolute(b, e),
+    )  # fmt: skip
+
+
+def cur_posture(z, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return platform, heights, passive angles and joints."""
+    at = cur_frame(z, beta, gamma, k)
+    r = at.rotation
+    e1 = Vec3(r.xy, r.yy, r.zy)
+    e2 = Vec3(
+        CUR_C2 * r.xy - CUR_S2 * r.xx, CUR_C2 * r.yy - CUR_S2 * r.yx, CUR_C2 * r.zy - CUR_S2 * r.zx
+    )
+    e3 = Vec3(
+        CUR_C2 * r.xy + CUR_S2 * r.xx, CUR_C2 * r.yy + CUR_S2 * r.yx, CUR_C2 * r.zy + CUR_S2 * r.zx
+    )
+    q1 = cur_limb(at.u1, at.b1, e1, Turn(1.0, 0.0))
+    q2 = cur_limb(at.u2, at.b2, e2, Turn(CUR_C2, CUR_S2))
+    q3 = cur_limb(at.u3, at.b3, e3, Turn(CUR_C2, -CUR_S2))
+    turn1, turn2, turn3 = at.state.turn1, at.state.turn2, at.state.turn3
+    return (
+        *xyz(at.p), *row_by_row(r), at.u1.z - k.d1, at.u2.z - k.d1, at.u3.z - k.d1,
+        q1.theta2, q1.theta3, q1.theta4, arc_tangent(turn1.s, turn1.c),
+        q2.theta2, q2.theta3, q2.theta4, arc_tangent(turn2.s, turn2.c),
+        q3.theta2, q3.theta3, q3.theta4, arc_tangent(turn3.s, turn3.c),
+        *cur_joints(at.u1, at.b1, e1, q1),
+        *cur_joints(at.u2, at.b2, e2, q2),
+        *cur_joints(at.u3, at.b3, e3, q3),
     )  # fmt: skip
 
 
@@ -660,7 +854,7 @@ class Cur(Mechanism):
     }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(cur_kernel)
-    constant_count = 31
+    constants = Constants
     implicit = Implicit(6, (1, 2), cur_residuals, cur_of_unknowns, cur_start)
     line = staticmethod(cur_line)
     line_axis = 0
@@ -782,13 +976,13 @@ class Cur(Mechanism):
         """Return the limbs, x, y, alpha and the largest gap over L, of one working mode."""
         ra, rb, length, _ = _sizes(parameters)
         beta, gamma = pose["beta"], pose["gamma"]
-        px, py, c, s, *turns, gap = _solved(beta, gamma, ra / length, rb / length, signs)
+        (px, py, (c, s), *turns), gap = _solved(beta, gamma, ra / length, rb / length, signs)
         alpha = elementary.atan2(s, c)
         rotation = rotation_matrices(np.array([[alpha, beta, gamma]]))[0][0]
         links = []
         for k, (sign, (cos_k, sin_k)) in enumerate(zip(signs, _AZIMUTHS, strict=True)):
             out = product(rotation, [cos_k, sin_k, 0.0])
-            w = length * (turns[2 * k] * out + turns[2 * k + 1] * rotation[:, 2])
+            w = length * (turns[k].c * out + turns[k].s * rotation[:, 2])
             links.append(
                 _Link(rb * out, product(rotation, [-sin_k, cos_k, 0.0]), w, sign * float(w[2]))
             )
@@ -801,7 +995,7 @@ class Cur(Mechanism):
         second = np.cross(link.e, link.w) / length
         first = np.cross(_Z, second)
         first /= max(norm_of(first), TINY)
-        return first if dot(first, link.e) > 0 else -first, second
+        return first if matrices.dot(first, link.e) > 0 else -first, second
 
     def assembly_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`cur_assemble`."""
@@ -845,10 +1039,10 @@ class Cur(Mechanism):
     ) -> str:
         """Return the working mode whose heights are those given."""
         _, rb, length, d1 = _sizes(parameters)
-        heights = cur_heights(pose["beta"], pose["gamma"], *[0.0] * 6)
+        heights = cur_heights(pose["beta"], pose["gamma"], *[Turn(0.0, 0.0)] * 3)
         rises = [
-            rb * float(out) - (joints[c.name] + d1 - pose["z"])
-            for c, out in zip(self.joints, heights[::3], strict=True)
+            rb * float(at.r) - (joints[c.name] + d1 - pose["z"])
+            for c, at in zip(self.joints, heights, strict=True)
         ]
         signs = tuple(math.copysign(1.0, rise) for rise in rises)
         mode = next(mode for mode, found in MODE_SIGNS.items() if found == signs)
@@ -927,30 +1121,35 @@ class Cur(Mechanism):
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
-    ) -> list[float]:
-        """Return the constants in the order :func:`cur_kernel` unpacks them."""
+    ) -> Constants:
+        """Return the constants of a design."""
         ra, rb, size, d1 = _sizes(parameters)
         signs = MODE_SIGNS[working_mode]
-        arcs: list[float] = []
-        for name in ("theta4", "theta5"):
-            low, high = limits.get(name, (-math.pi, math.pi))
-            middle, half = (low + high) / 2, (high - low) / 2
-            # A full turn excludes nothing, not even by rounding.
-            arcs += [
-                elementary.cos(middle),
-                elementary.sin(middle),
-                -2.0 if half >= math.pi else elementary.cos(half),
-            ]
         low, high = limits.get("elevation", (-math.pi, math.pi))
         lowest = -math.inf if low <= -math.pi / 2 else elementary.sin(low)
         highest = math.inf if high >= math.pi / 2 else elementary.sin(high)
         home, _, _ = self._links(parameters, self.home(parameters), signs)
-        ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
-        return [
-            ra, rb, size, d1, *signs, 1 / length, *(end for pair in ends for end in pair),
-            *arcs, lowest, highest,
-            *(float(v) / size for link in home for v in link.w),
-        ]  # fmt: skip
+        up1, up2, up3 = signs
+        return Constants(
+            ra=ra,
+            rb=rb,
+            length=size,
+            d1=d1,
+            up1=up1,
+            up2=up2,
+            up3=up3,
+            scale=1 / length,
+            stroke1=Stroke(*limits.get("h1", (-math.inf, math.inf))),
+            stroke2=Stroke(*limits.get("h2", (-math.inf, math.inf))),
+            stroke3=Stroke(*limits.get("h3", (-math.inf, math.inf))),
+            theta4=_arc(limits.get("theta4")),
+            theta5=_arc(limits.get("theta5")),
+            lowest=lowest,
+            highest=highest,
+            home1=_direction(home[0].w, size),
+            home2=_direction(home[1].w, size),
+            home3=_direction(home[2].w, size),
+        )
 
     def decoupled_volume(
         self, parameters: Parameters, limits: Ranges | None = None, degrees: float = 1.0
@@ -989,7 +1188,7 @@ class Cur(Mechanism):
         signs = next(iter(MODE_SIGNS.values()))
         free: dict[str, Any] = {k: v for k, v in limits.items() if not k.startswith("h")}
         bounded = {**free, **{c.name: (-math.inf, math.inf) for c in self.joints}}
-        constants = tuple(self.kernel_constants(parameters, self.working_modes[0], 1.0, bounded))
+        constants = self.kernel_constants(parameters, self.working_modes[0], 1.0, bounded)
         for i, beta in enumerate(tilts.tolist()):
             for j, gamma in enumerate(tilts.tolist()):
                 if cur_kernel(0.0, beta, gamma, constants)[0] < 0:
@@ -1011,13 +1210,25 @@ _AZIMUTHS = ((1.0, 0.0), (CUR_C2, CUR_S2), (CUR_C2, -CUR_S2))
 
 
 @lru_cache(maxsize=64)
-def _solved(
-    beta: float, gamma: float, ra: float, rb: float, signs: tuple[float, ...]
-) -> tuple[float, ...]:
+def _solved(beta: float, gamma: float, ra: float, rb: float, signs: tuple[float, ...]) -> Solved:
     """Return what :func:`cur_solve` does; at a pose it is asked for again and again."""
     with np.errstate(over="ignore", invalid="ignore"):  # ends in a gap, which is told
-        found: tuple[float, ...] = cur_solve(beta, gamma, ra, rb, *signs)
+        found: Solved = cur_solve(beta, gamma, Sizes(ra, rb, *signs))
     return found
+
+
+def _arc(limits: tuple[float, float] | None) -> Arc:
+    """Return the range of an angle; all angles without limits."""
+    low, high = limits or (-math.pi, math.pi)
+    middle, half = (low + high) / 2, (high - low) / 2
+    # A full turn excludes nothing, not even by rounding.
+    least = -2.0 if half >= math.pi else elementary.cos(half)
+    return Arc(elementary.cos(middle), elementary.sin(middle), least)
+
+
+def _direction(w: Vector, size: float) -> Vec3:
+    x, y, z = (float(v) / size for v in w)
+    return Vec3(x, y, z)
 
 
 def _sizes(parameters: Parameters) -> tuple[float, float, float, float]:

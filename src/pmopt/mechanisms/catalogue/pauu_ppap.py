@@ -18,13 +18,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from pmopt.compiler.programs import Assembler
-from pmopt.kernels.limbs import crossed
+from pmopt.kernels.limbs import parallelogram, prismatic, universal
 from pmopt.kernels.trigonometry import arc_tangent
+from pmopt.kernels.vectors import LEVEL, MINUS_Y, Vec3, X, Y, least, minus, normal, xyz
 from pmopt.mechanisms.bodies import Body, plate, tube
 from pmopt.mechanisms.catalogue.pauu_ppap_forward import pauu_assemble
 from pmopt.mechanisms.mechanism import (
@@ -60,10 +61,72 @@ PAUU_CRANK_LIMITS = 1
 _PAPER = "paper, section 5.1 (default) and 6.2 (bounds)"
 
 
-def pauu_crank(
-    a: float, b: float, y: float, l1: float, excess: float, sign: float
-) -> tuple[float, float, float, float]:
-    """Return A^2 + B^2 - C^2, its signed root, l1 cos t and l1 sin t of a limb.
+class Arc(NamedTuple):
+    """Range of a crank's angle t: inside is l1 cos(t - middle) >= l1 cos(half-width)."""
+
+    cos: float  # of the middle
+    sin: float
+    least: float  # l1 cos(half-width), m; -inf where all angles are allowed
+
+
+class Stroke(NamedTuple):
+    """Range of the slider's position, m."""
+
+    low: float
+    high: float
+
+
+class Link(NamedTuple):
+    """A link at home in the plane of the cranks, divided by l2^2; 1/m."""
+
+    x: float
+    z: float
+
+
+class Constants(NamedTuple):
+    """One design, as kernel, line, skeleton and posture take it."""
+
+    span: float  # m - n, m
+    height: float  # 2 c, of the crank pivots, m
+    l1: float  # m
+    excess: float  # l1^2 - l2^2, m^2
+    sign1: float  # of the crank's root, by working mode
+    sign2: float
+    weight: float  # characteristic length, m; 1 for the raw Jacobian
+    top: float  # largest z, m; inf for none
+    arc1: Arc
+    arc2: Arc
+    slider: Stroke
+    n: float  # m
+    home1: Link
+    home2: Link
+    long: float  # long bars of limb 3, m
+
+
+class Crank(NamedTuple):
+    """A limb's crank at a pose."""
+
+    reach: float  # A^2 + B^2 - C^2, m^4 / 4: >= 0 where the limb reaches the pose
+    root: float  # signed root of it, m^2
+    out: float  # l1 cos t, m
+    rise: float  # l1 sin t, m
+
+
+class Points(NamedTuple):
+    """Points of a configuration, m: pivots A, knees C, ends D of links, platform, limb 3's foot."""
+
+    a1: Vec3
+    a2: Vec3
+    c1: Vec3
+    c2: Vec3
+    d1: Vec3
+    d2: Vec3
+    p: Vec3
+    foot: Vec3
+
+
+def pauu_crank(a, b, y, l1, excess, sign):  # type: ignore[no-untyped-def]
+    """Return a limb's crank.
 
     With S = sqrt(A^2 + B^2 - C^2) the root is (-A C - s B S, -B C + s A S) / (A^2 + B^2).
     """
@@ -72,70 +135,66 @@ def pauu_crank(
     square = 4.0 * l1 * l1 * r - c * c
     root = sign * math.sqrt(square if square > 0.0 else 0.0)
     half = 0.5 / (r + TINY)
-    return square, root, -(a * c + b * root) * half, (a * root - b * c) * half
+    return Crank(square, root, -(a * c + b * root) * half, (a * root - b * c) * half)
 
 
-def kernel(x, y, z, constants):  # type: ignore[no-untyped-def]
+def pauu_cranks(x, y, z, k):  # type: ignore[no-untyped-def]
+    """Return both cranks."""
+    b = z - k.height
+    return (
+        pauu_crank(k.span - x, b, y, k.l1, k.excess, k.sign1),
+        pauu_crank(k.span + x, b, y, k.l1, k.excess, k.sign2),
+    )
+
+
+def pauu_within(crank, arc):  # type: ignore[no-untyped-def]
+    """Return how far inside its range a crank's angle is; >= 0 is inside."""
+    return arc.cos * crank.out + arc.sin * crank.rise - arc.least
+
+
+def kernel(x, y, z, k):  # type: ignore[no-untyped-def]
     """Return the margin and det(J_q) J^-1 at a pose, branch-free and without trigonometry.
 
     The margin is the least of the limbs' (A^2 + B^2 - C^2) and of the joints' limits; >= 0 is
     within. u.e = s S / 2, so that q2 u1, q1 u2, q1 q2 e_y stay finite where q_i = u_i.e_i is 0.
     """
-    (
-        span, height, l1, excess, s1, s2, weight, top,
-        cos1, sin1, least1, cos2, sin2, least2, d_low, d_high, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    a1 = span - x
-    a2 = span + x
-    b = z - height
-    square1, root1, p1, v1 = pauu_crank(a1, b, y, l1, excess, s1)
-    square2, root2, p2, v2 = pauu_crank(a2, b, y, l1, excess, s2)
-
-    margin = square1 if square1 < square2 else square2
-    slack = top - z
-    margin = slack if slack < margin else margin
+    one, two = pauu_cranks(x, y, z, k)
+    margin = least(k.top - z, least(one.reach, two.reach))
     if PAUU_CRANK_LIMITS:
-        slack = cos1 * p1 + sin1 * v1 - least1
-        margin = slack if slack < margin else margin
-        slack = cos2 * p2 + sin2 * v2 - least2
-        margin = slack if slack < margin else margin
-    slack = y - d_low
-    margin = slack if slack < margin else margin
-    slack = d_high - y
-    margin = slack if slack < margin else margin
+        margin = least(pauu_within(one, k.arc1), margin)
+        margin = least(pauu_within(two, k.arc2), margin)
+    margin = least(y - k.slider.low, margin)
+    margin = least(k.slider.high - y, margin)
 
-    q1 = 0.5 * root1
-    q2 = 0.5 * root2
-    g1 = weight * q2
-    g2 = weight * q1
+    b = z - k.height
+    q1 = 0.5 * one.root
+    q2 = 0.5 * two.root
+    g1 = k.weight * q2
+    g2 = k.weight * q1
     return (
         margin,
-        -(a1 + p1) * g1, y * g1, (b + v1) * g1,
-        (a2 + p2) * g2, y * g2, (b + v2) * g2,
+        -(k.span - x + one.out) * g1, y * g1, (b + one.rise) * g1,
+        (k.span + x + two.out) * g2, y * g2, (b + two.rise) * g2,
         0.0, q1 * q2, 0.0,
     )  # fmt: skip
 
 
-def line(x, y, z, low, high, constants):  # type: ignore[no-untyped-def]
+def line(x, y, z, low, high, k):  # type: ignore[no-untyped-def]
     """Return what both tori leave of a line along y.
 
     It has (r - l1)^2 + y^2 <= l2^2 <= (r + l1)^2 + y^2 for both limbs. The limits of the crank
     angles are left to the margin.
     """
-    (
-        span, height, l1, excess, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    b = z - height
-    a1 = span - x
-    a2 = span + x
+    l1 = k.l1
+    b = z - k.height
+    a1 = k.span - x
+    a2 = k.span + x
     r1 = math.sqrt(a1 * a1 + b * b)
     r2 = math.sqrt(a2 * a2 + b * b)
-    link2 = l1 * l1 - excess
-    outer1 = link2 - (r1 - l1) * (r1 - l1)
-    outer2 = link2 - (r2 - l1) * (r2 - l1)
+    link2 = l1 * l1 - k.excess
+    outer = least(link2 - (r1 - l1) * (r1 - l1), link2 - (r2 - l1) * (r2 - l1))
     inner1 = link2 - (r1 + l1) * (r1 + l1)
     inner2 = link2 - (r2 + l1) * (r2 + l1)
-    outer = outer1 if outer1 < outer2 else outer2
     inner = inner1 if inner1 > inner2 else inner2
     far = math.sqrt(outer if outer > 0.0 else 0.0)
     near = math.sqrt(inner if inner > 0.0 else 0.0)
@@ -145,62 +204,58 @@ def line(x, y, z, low, high, constants):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def skeleton(x, y, z, constants):  # type: ignore[no-untyped-def]
+def pauu_points(x, y, z, k):  # type: ignore[no-untyped-def]
+    """Return the points of a configuration."""
+    one, two = pauu_cranks(x, y, z, k)
+    m = k.span + k.n
+    return Points(
+        a1=Vec3(m, 0.0, k.height),
+        a2=Vec3(-m, 0.0, k.height),
+        c1=Vec3(m + one.out, 0.0, k.height - one.rise),
+        c2=Vec3(-m - two.out, 0.0, k.height - two.rise),
+        d1=Vec3(x + k.n, y, z),
+        d2=Vec3(x - k.n, y, z),
+        p=Vec3(x, y, z),
+        foot=Vec3(0.0, y, k.height),
+    )
+
+
+def skeleton(x, y, z, k):  # type: ignore[no-untyped-def]
     """Return the platform, cranks, links and platform radii, and the cosines of the U joints.
 
     Limb 3 keeps the platform level and has no declared shape: it has no segments.
     """
-    (
-        span, height, l1, excess, s1, s2, _, _, _, _, _, _, _, _, _, _,
-        radius, ref1_x, ref1_z, ref2_x, ref2_z, _,
-    ) = constants  # fmt: skip
-    m = span + radius
-    b = z - height
-    _, _, p1, v1 = pauu_crank(span - x, b, y, l1, excess, s1)
-    _, _, p2, v2 = pauu_crank(span + x, b, y, l1, excess, s2)
-    c1_x = m + p1
-    c1_z = height - v1
-    c2_x = -m - p2
-    c2_z = height - v2
-    d1_x = x + radius
-    d2_x = x - radius
-    cone1 = (d1_x - c1_x) * ref1_x + (z - c1_z) * ref1_z
-    cone2 = (d2_x - c2_x) * ref2_x + (z - c2_z) * ref2_z
+    at = pauu_points(x, y, z, k)
+    link1 = minus(at.d1, at.c1)
+    link2 = minus(at.d2, at.c2)
+    cone1 = link1.x * k.home1.x + link1.z * k.home1.z
+    cone2 = link2.x * k.home2.x + link2.z * k.home2.z
     return (
-        x, y, z, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0,
-        m, 0.0, height, c1_x, 0.0, c1_z,
-        c1_x, 0.0, c1_z, d1_x, y, z,
-        -m, 0.0, height, c2_x, 0.0, c2_z,
-        c2_x, 0.0, c2_z, d2_x, y, z,
-        x, y, z, d1_x, y, z,
-        x, y, z, d2_x, y, z,
+        *xyz(at.p), *LEVEL,
+        *xyz(at.a1), *xyz(at.c1), *xyz(at.c1), *xyz(at.d1),
+        *xyz(at.a2), *xyz(at.c2), *xyz(at.c2), *xyz(at.d2),
+        *xyz(at.p), *xyz(at.d1), *xyz(at.p), *xyz(at.d2),
         cone1, cone1, cone2, cone2,
     )  # fmt: skip
 
 
-def posture(x, y, z, constants):  # type: ignore[no-untyped-def]
-    """Return platform, joints' positions and joints; see :meth:`PauuPpap.layout`."""
-    s = skeleton(x, y, z, constants)
-    height, long = constants[1], constants[21]
-    m1x, c1x, c1z, d1x = s[12], s[15], s[17], s[21]
-    m2x, c2x, c2z, d2x = s[24], s[27], s[29], s[33]
-    a1x, a1y, a1z = crossed(0.0, 1.0, 0.0, d1x - c1x, y, z - c1z)
-    a2x, a2y, a2z = crossed(0.0, 1.0, 0.0, d2x - c2x, y, z - c2z)
-    rise = z - height
-    flat = long * long - rise * rise
-    out = math.sqrt(flat if flat > 0.0 else 0.0)
+def posture(x, y, z, k):  # type: ignore[no-untyped-def]
+    """Return platform, joints' positions and joints, limb by limb; see :meth:`PauuPpap.layout`."""
+    at = pauu_points(x, y, z, k)
+    across1 = normal(Y, minus(at.d1, at.c1))
+    across2 = normal(Y, minus(at.d2, at.c2))
+    rise = z - k.height
+    flat = k.long * k.long - rise * rise
+    bar = Vec3(math.sqrt(flat if flat > 0.0 else 0.0), 0.0, rise)
     return (
-        *s[:12],
-        arc_tangent(height - c1z, c1x - m1x), arc_tangent(height - c2z, m2x - c2x), y,
-        m1x, 0.0, height, 0.0, 1.0, 0.0, c1x - m1x, 0.0, c1z - height,
-        c1x, 0.0, c1z, 0.0, 1.0, 0.0, a1x, a1y, a1z,
-        d1x, y, z, a1x, a1y, a1z, 0.0, 1.0, 0.0,
-        m2x, 0.0, height, 0.0, -1.0, 0.0, c2x - m2x, 0.0, c2z - height,
-        c2x, 0.0, c2z, 0.0, 1.0, 0.0, a2x, a2y, a2z,
-        d2x, y, z, a2x, a2y, a2z, 0.0, 1.0, 0.0,
-        0.0, y, height, 0.0, 1.0, 0.0,
-        0.0, y, height, 0.0, -1.0, 0.0, out, 0.0, rise,
-        x, y, z, 1.0, 0.0, 0.0,
+        *xyz(at.p), *LEVEL,
+        arc_tangent(k.height - at.c1.z, at.c1.x - at.a1.x),
+        arc_tangent(k.height - at.c2.z, at.a2.x - at.c2.x), y,
+        *parallelogram(at.a1, Y, minus(at.c1, at.a1)),
+        *universal(at.c1, Y, across1), *universal(at.d1, across1, Y),
+        *parallelogram(at.a2, MINUS_Y, minus(at.c2, at.a2)),
+        *universal(at.c2, Y, across2), *universal(at.d2, across2, Y),
+        *prismatic(at.foot, Y), *parallelogram(at.foot, MINUS_Y, bar), *prismatic(at.p, X),
     )  # fmt: skip
 
 
@@ -265,7 +320,7 @@ class PauuPpap(Mechanism):
     }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
-    constant_count = 22
+    constants = Constants
     line = staticmethod(line)
     line_axis = 1
     line_parts = 2
@@ -497,27 +552,29 @@ class PauuPpap(Mechanism):
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
-    ) -> list[float]:
-        """Return the constants in the order :func:`kernel` unpacks them.
-
-        An angle's limits become a half-width about a middle: inside is
-        l1 cos(t - middle) >= l1 cos(half-width).
-        """
+    ) -> Constants:
+        """Return the constants of a design."""
         m, n, l1, l2, c = _lengths(parameters)
         s1, s2 = MODE_SIGNS[working_mode]
         top = parameters.get("h")
-        arcs: list[float] = []
-        for joint in ("theta1", "theta2"):
-            low, high = limits.get(joint, (-math.pi, math.pi))
-            middle, half = (low + high) / 2, (high - low) / 2
-            # A full turn excludes nothing, not even by rounding.
-            least = -math.inf if half >= math.pi else l1 * elementary.cos(half)
-            arcs += [elementary.cos(middle), elementary.sin(middle), least]
-        return [
-            m - n, 2 * c, l1, (l1 - l2) * (l1 + l2), s1, s2, length,
-            math.inf if top is None else top, *arcs, *limits.get("d", (-math.inf, math.inf)),
-            n, *self._references(parameters, s1, s2), l1 + l2,
-        ]  # fmt: skip
+        home1, home2 = self._links_at_home(parameters, s1, s2)
+        return Constants(
+            span=m - n,
+            height=2 * c,
+            l1=l1,
+            excess=(l1 - l2) * (l1 + l2),
+            sign1=s1,
+            sign2=s2,
+            weight=length,
+            top=math.inf if top is None else top,
+            arc1=_arc(l1, limits.get("theta1")),
+            arc2=_arc(l1, limits.get("theta2")),
+            slider=Stroke(*limits.get("d", (-math.inf, math.inf))),
+            n=n,
+            home1=home1,
+            home2=home2,
+            long=l1 + l2,
+        )
 
     def idle_slacks(self, limits: Ranges) -> frozenset[int]:
         """Return the cranks' slacks, 3 and 4, where they may turn in full."""
@@ -527,15 +584,19 @@ class PauuPpap(Mechanism):
             if np.ptp(limits.get(joint, (-math.pi, math.pi))) >= 2 * math.pi
         )
 
-    def _references(self, parameters: Parameters, s1: int, s2: int) -> list[float]:
-        """Return x and z of both links at home (x = y = 0 there), divided by l2^2."""
+    def _links_at_home(self, parameters: Parameters, s1: int, s2: int) -> tuple[Link, Link]:
+        """Return both links at home (x = y = 0 there)."""
         m, n, l1, l2, c = _lengths(parameters)
         span, b, excess = m - n, self.home(parameters)["z"] - 2 * c, (l1 - l2) * (l1 + l2)
-        square, _, p1, v1 = pauu_crank(span, b, 0.0, l1, excess, s1)
-        _, _, p2, v2 = pauu_crank(span, b, 0.0, l1, excess, s2)
-        if square < 0:
-            return [0.0] * 4  # nothing is reachable
-        return [u / (l2 * l2) for u in (-span - p1, b + v1, span + p2, b + v2)]
+        one = pauu_crank(span, b, 0.0, l1, excess, s1)
+        two = pauu_crank(span, b, 0.0, l1, excess, s2)
+        if one.reach < 0:
+            return Link(0.0, 0.0), Link(0.0, 0.0)  # nothing is reachable
+        square = l2 * l2
+        return (
+            Link((-span - one.out) / square, (b + one.rise) / square),
+            Link((span + two.out) / square, (b + two.rise) / square),
+        )
 
     def _links(
         self, parameters: Parameters, pose: Mapping[str, float], joints: Mapping[str, float]
@@ -554,6 +615,15 @@ def _lengths(parameters: Parameters) -> tuple[float, float, float, float, float]
     """Return m, n, l1, l2, c."""
     m, n, l1, l2, c = (float(parameters[k] or 0.0) for k in ("m", "n", "l1", "l2", "c"))
     return m, n, l1, l2, c
+
+
+def _arc(l1: float, limits: tuple[float, float] | None) -> Arc:
+    """Return the range of a crank's angle; all angles without limits."""
+    low, high = limits or (-math.pi, math.pi)
+    middle, half = (low + high) / 2, (high - low) / 2
+    # A full turn excludes nothing, not even by rounding.
+    least = -math.inf if half >= math.pi else l1 * elementary.cos(half)
+    return Arc(elementary.cos(middle), elementary.sin(middle), least)
 
 
 def _centres(parameters: Parameters, joints: Mapping[str, float]) -> tuple[Vector, Vector]:

@@ -15,16 +15,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.limbs import unit_vector, ups_joints
+from pmopt.kernels.limbs import prismatic, revolute, spherical, ups_joints
 from pmopt.kernels.strokes import part_within_stroke
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
+from pmopt.kernels.vectors import (
+    SQRT_HALF,
+    Rotation,
+    Vec3,
+    Z,
+    cross,
+    direction,
+    dot,
+    least,
+    minus,
+    plus,
+    row_by_row,
+    turned,
+    xyz,
+)
 from pmopt.mechanisms.bodies import Body, disc, tube
 from pmopt.mechanisms.catalogue.ups_rps_forward import (
     DIMENSIONS,
@@ -59,172 +74,190 @@ _STROKE = (700.0, 1300.0)
 _MM = 1e-3
 
 
-def rps_limb(r, px, py, pz, sy, sz, ty, tz):  # type: ignore[no-untyped-def]
-    """Return Rot S and L = P + Rot S - T of a limb, and the length l."""
-    _, r12, r13, _, r22, r23, _, r32, r33 = r
-    qx = r12 * sy + r13 * sz
-    qy = r22 * sy + r23 * sz
-    qz = r32 * sy + r33 * sz
-    lx = px + qx
-    ly = py + qy - ty
-    lz = pz + qz - tz
-    return qx, qy, qz, lx, ly, lz, math.sqrt(lx * lx + ly * ly + lz * lz)
+class Leg(NamedTuple):
+    """One limb of a design."""
+
+    y: float  # joint S, platform frame, mm
+    z: float
+    low: float  # stroke, mm
+    high: float
+    in_base: Vec3  # direction at home, base frame
+    in_platform: Vec3  # direction at home, platform frame
 
 
-def rps_row(limb, r, sin_a, cos_a, z_beta, z_gamma, scale):  # type: ignore[no-untyped-def]
-    """Return the rates of l by x, y, alpha, beta, gamma; those by angles times scale."""
-    qx, qy, qz, lx, ly, lz, length = limb
-    unit = 1.0 / (length + TINY)
-    nx = lx * unit
-    ny = ly * unit
-    nz = lz * unit
-    mx = qy * nz - qz * ny
-    my = qz * nx - qx * nz
-    mz = qx * ny - qy * nx
-    return (
-        nx,
-        ny,
-        mz * scale,
-        (my * cos_a - mx * sin_a + nz * z_beta) * scale,
-        (mx * r[0] + my * r[3] + mz * r[6] + nz * z_gamma) * scale,
-    )
+class Constants(NamedTuple):
+    """One design, as kernel, line, skeleton and posture take it."""
+
+    r1: float  # radius of T1, mm
+    q: float  # R / sqrt 2, mm: T2 .. T5 lie at Y, Z = +-q
+    radius: float  # r, mm
+    scale: float  # 1 / characteristic length, 1/mm; 1 for the raw Jacobian
+    leg1: Leg
+    leg2: Leg
+    leg3: Leg
+    leg4: Leg
+    leg5: Leg
 
 
-def rps_place(alpha, beta, gamma, r):  # type: ignore[no-untyped-def]
-    """Return rotation, sine and cosine of alpha, and z with its rates by beta and gamma."""
+class Place(NamedTuple):
+    """A pose: the platform's place, and what rates of angles need."""
+
+    rotation: Rotation
+    p: Vec3  # mm
+    sin_a: float
+    cos_a: float
+    z_beta: float  # rates of z, mm/rad
+    z_gamma: float
+
+
+class Span(NamedTuple):
+    """A limb at a pose."""
+
+    arm: Vec3  # Rot S, mm
+    gap: Vec3  # L, mm
+    length: float  # mm
+
+
+def rps_place(x, y, alpha, beta, gamma, r):  # type: ignore[no-untyped-def]
+    """Return the platform's place; z is bound to the angles."""
     sin_a, cos_a = sin_cos(alpha)
     sin_b, cos_b = sin_cos(beta)
     sin_c, cos_c = sin_cos(gamma)
     rotation = roll_pitch_yaw(alpha, beta, gamma)
-    return rotation, sin_a, cos_a, r * cos_b * cos_c, -r * sin_b * cos_c, -r * cos_b * sin_c
+    p = Vec3(x, y, r * cos_b * cos_c)
+    return Place(rotation, p, sin_a, cos_a, -r * sin_b * cos_c, -r * cos_b * sin_c)
 
 
-def rps_kernel(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def rps_span(at, leg, ty, tz):  # type: ignore[no-untyped-def]
+    """Return a limb from T = (0, ty, tz)."""
+    r = at.rotation
+    arm = Vec3(
+        r.xy * leg.y + r.xz * leg.z, r.yy * leg.y + r.yz * leg.z, r.zy * leg.y + r.zz * leg.z
+    )
+    gap = Vec3(at.p.x + arm.x, at.p.y + arm.y - ty, at.p.z + arm.z - tz)
+    return Span(arm, gap, math.sqrt(dot(gap, gap)))
+
+
+def rps_spans(at, k):  # type: ignore[no-untyped-def]
+    """Return all limbs."""
+    return (
+        rps_span(at, k.leg1, k.r1, 0.0),
+        rps_span(at, k.leg2, k.q, k.q),
+        rps_span(at, k.leg3, -k.q, k.q),
+        rps_span(at, k.leg4, -k.q, -k.q),
+        rps_span(at, k.leg5, k.q, -k.q),
+    )
+
+
+def rps_within(span, leg, margin):  # type: ignore[no-untyped-def]
+    """Return the least of a margin and of the distances to a stroke's ends."""
+    return least(leg.high - span.length, least(span.length - leg.low, margin))
+
+
+def rps_row(span, at, scale):  # type: ignore[no-untyped-def]
+    """Return the rates of l by x, y, alpha, beta, gamma; those by angles times scale."""
+    unit = 1.0 / (span.length + TINY)
+    n = Vec3(span.gap.x * unit, span.gap.y * unit, span.gap.z * unit)
+    m = cross(span.arm, n)
+    r = at.rotation
+    return (
+        n.x,
+        n.y,
+        m.z * scale,
+        (m.y * at.cos_a - m.x * at.sin_a + n.z * at.z_beta) * scale,
+        (m.x * r.xx + m.y * r.yx + m.z * r.zx + n.z * at.z_gamma) * scale,
+    )
+
+
+def rps_kernel(x, y, alpha, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return the margin, the least distance to a stroke's end, and J^-1 (paper, J1 J2)."""
-    (
-        r1, q, s1y, s1z, s2y, s2z, s3y, s3z, s4y, s4z, s5y, s5z, radius, scale,
-        low1, high1, low2, high2, low3, high3, low4, high4, low5, high5,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    r, sin_a, cos_a, z, z_beta, z_gamma = rps_place(alpha, beta, gamma, radius)
-    k1 = rps_limb(r, x, y, z, s1y, s1z, r1, 0.0)
-    k2 = rps_limb(r, x, y, z, s2y, s2z, q, q)
-    k3 = rps_limb(r, x, y, z, s3y, s3z, -q, q)
-    k4 = rps_limb(r, x, y, z, s4y, s4z, -q, -q)
-    k5 = rps_limb(r, x, y, z, s5y, s5z, q, -q)
-    margin = k1[6] - low1
-    slack = high1 - k1[6]
-    margin = slack if slack < margin else margin
-    slack = k2[6] - low2
-    margin = slack if slack < margin else margin
-    slack = high2 - k2[6]
-    margin = slack if slack < margin else margin
-    slack = k3[6] - low3
-    margin = slack if slack < margin else margin
-    slack = high3 - k3[6]
-    margin = slack if slack < margin else margin
-    slack = k4[6] - low4
-    margin = slack if slack < margin else margin
-    slack = high4 - k4[6]
-    margin = slack if slack < margin else margin
-    slack = k5[6] - low5
-    margin = slack if slack < margin else margin
-    slack = high5 - k5[6]
-    margin = slack if slack < margin else margin
+    at = rps_place(x, y, alpha, beta, gamma, k.radius)
+    s1, s2, s3, s4, s5 = rps_spans(at, k)
+    margin = s1.length - k.leg1.low
+    margin = least(k.leg1.high - s1.length, margin)
+    margin = rps_within(s2, k.leg2, margin)
+    margin = rps_within(s3, k.leg3, margin)
+    margin = rps_within(s4, k.leg4, margin)
+    margin = rps_within(s5, k.leg5, margin)
     return (
         margin,
-        *rps_row(k1, r, sin_a, cos_a, z_beta, z_gamma, scale),
-        *rps_row(k2, r, sin_a, cos_a, z_beta, z_gamma, scale),
-        *rps_row(k3, r, sin_a, cos_a, z_beta, z_gamma, scale),
-        *rps_row(k4, r, sin_a, cos_a, z_beta, z_gamma, scale),
-        *rps_row(k5, r, sin_a, cos_a, z_beta, z_gamma, scale),
+        *rps_row(s1, at, k.scale),
+        *rps_row(s2, at, k.scale),
+        *rps_row(s3, at, k.scale),
+        *rps_row(s4, at, k.scale),
+        *rps_row(s5, at, k.scale),
     )
 
 
-def rps_stroke(start, end, limb, low, high):  # type: ignore[no-untyped-def]
-    """Cut a part of a line along x to a limb's stroke; ``limb`` at x = 0."""
-    _, _, _, lx, ly, lz, _ = limb
-    return part_within_stroke(start, end, -lx, ly * ly + lz * lz, low, high)
+def rps_stroke(part, span, leg):  # type: ignore[no-untyped-def]
+    """Cut a part (start, end) of a line along x to a limb's stroke; the limb at x = 0."""
+    gap = span.gap
+    across2 = gap.y * gap.y + gap.z * gap.z
+    return part_within_stroke(part[0], part[1], -gap.x, across2, leg.low, leg.high)
 
 
-def rps_line(x, y, alpha, beta, gamma, low, high, constants):  # type: ignore[no-untyped-def]
+def rps_line(x, y, alpha, beta, gamma, low, high, k):  # type: ignore[no-untyped-def]
     """Return what the strokes leave of a line along x: l_i^2 is quadratic in x."""
-    (
-        r1, q, s1y, s1z, s2y, s2z, s3y, s3z, s4y, s4z, s5y, s5z, radius, _,
-        low1, high1, low2, high2, low3, high3, low4, high4, low5, high5,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    r, _, _, z, _, _ = rps_place(alpha, beta, gamma, radius)
-    part = rps_stroke(low, high, rps_limb(r, 0.0, y, z, s1y, s1z, r1, 0.0), low1, high1)
-    part = rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s2y, s2z, q, q), low2, high2)
-    part = rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s3y, s3z, -q, q), low3, high3)
-    part = rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s4y, s4z, -q, -q), low4, high4)
-    return rps_stroke(part[0], part[1], rps_limb(r, 0.0, y, z, s5y, s5z, q, -q), low5, high5)
+    s1, s2, s3, s4, s5 = rps_spans(rps_place(0.0, y, alpha, beta, gamma, k.radius), k)
+    part = rps_stroke((low, high), s1, k.leg1)
+    part = rps_stroke(part, s2, k.leg2)
+    part = rps_stroke(part, s3, k.leg3)
+    part = rps_stroke(part, s4, k.leg4)
+    return rps_stroke(part, s5, k.leg5)
 
 
-def rps_in_base(limb, ux, uy, uz):  # type: ignore[no-untyped-def]
-    """Return the cosine between a limb and a direction of the base."""
-    _, _, _, lx, ly, lz, length = limb
-    return (lx * ux + ly * uy + lz * uz) / (length + TINY)
+def rps_in_base(span, leg):  # type: ignore[no-untyped-def]
+    """Return the cosine between a limb and its direction at home in the base."""
+    return dot(span.gap, leg.in_base) / (span.length + TINY)
 
 
-def rps_in_platform(limb, r, vx, vy, vz):  # type: ignore[no-untyped-def]
-    """Return the cosine between a limb and a direction of the platform."""
-    r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
-    return rps_in_base(
-        limb,
-        r11 * vx + r12 * vy + r13 * vz,
-        r21 * vx + r22 * vy + r23 * vz,
-        r31 * vx + r32 * vy + r33 * vz,
-    )
+def rps_in_platform(span, at, leg):  # type: ignore[no-untyped-def]
+    """Return the cosine between a limb and its direction at home in the platform."""
+    return dot(span.gap, turned(at.rotation, leg.in_platform)) / (span.length + TINY)
 
 
-def rps_skeleton(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def rps_skeleton(x, y, alpha, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return the platform, the five limbs and the platform's spokes, and the cones."""
-    (
-        r1, q, s1y, s1z, s2y, s2z, s3y, s3z, s4y, s4z, s5y, s5z, radius, _,
-        _, _, _, _, _, _, _, _, _, _,
-        u2x, u2y, u2z, u3x, u3y, u3z, u4x, u4y, u4z, u5x, u5y, u5z,
-        v1x, v1y, v1z, v2x, v2y, v2z, v3x, v3y, v3z, v4x, v4y, v4z, v5x, v5y, v5z,
-    ) = constants  # fmt: skip
-    r, _, _, z, _, _ = rps_place(alpha, beta, gamma, radius)
-    k1 = rps_limb(r, x, y, z, s1y, s1z, r1, 0.0)
-    k2 = rps_limb(r, x, y, z, s2y, s2z, q, q)
-    k3 = rps_limb(r, x, y, z, s3y, s3z, -q, q)
-    k4 = rps_limb(r, x, y, z, s4y, s4z, -q, -q)
-    k5 = rps_limb(r, x, y, z, s5y, s5z, q, -q)
+    at = rps_place(x, y, alpha, beta, gamma, k.radius)
+    s1, s2, s3, s4, s5 = rps_spans(at, k)
+    p = xyz(at.p)
+    e1 = xyz(plus(at.p, s1.arm))
+    e2 = xyz(plus(at.p, s2.arm))
+    e3 = xyz(plus(at.p, s3.arm))
+    e4 = xyz(plus(at.p, s4.arm))
+    e5 = xyz(plus(at.p, s5.arm))
     return (
-        x, y, z, *r,
-        0.0, r1, 0.0, x + k1[0], y + k1[1], z + k1[2],
-        0.0, q, q, x + k2[0], y + k2[1], z + k2[2],
-        0.0, -q, q, x + k3[0], y + k3[1], z + k3[2],
-        0.0, -q, -q, x + k4[0], y + k4[1], z + k4[2],
-        0.0, q, -q, x + k5[0], y + k5[1], z + k5[2],
-        x, y, z, x + k1[0], y + k1[1], z + k1[2],
-        x, y, z, x + k2[0], y + k2[1], z + k2[2],
-        x, y, z, x + k3[0], y + k3[1], z + k3[2],
-        x, y, z, x + k4[0], y + k4[1], z + k4[2],
-        x, y, z, x + k5[0], y + k5[1], z + k5[2],
-        rps_in_base(k2, u2x, u2y, u2z), rps_in_base(k3, u3x, u3y, u3z),
-        rps_in_base(k4, u4x, u4y, u4z), rps_in_base(k5, u5x, u5y, u5z),
-        rps_in_platform(k1, r, v1x, v1y, v1z), rps_in_platform(k2, r, v2x, v2y, v2z),
-        rps_in_platform(k3, r, v3x, v3y, v3z), rps_in_platform(k4, r, v4x, v4y, v4z),
-        rps_in_platform(k5, r, v5x, v5y, v5z),
+        *p, *row_by_row(at.rotation),
+        0.0, k.r1, 0.0, *e1,
+        0.0, k.q, k.q, *e2,
+        0.0, -k.q, k.q, *e3,
+        0.0, -k.q, -k.q, *e4,
+        0.0, k.q, -k.q, *e5,
+        *p, *e1, *p, *e2, *p, *e3, *p, *e4, *p, *e5,
+        rps_in_base(s2, k.leg2), rps_in_base(s3, k.leg3),
+        rps_in_base(s4, k.leg4), rps_in_base(s5, k.leg5),
+        rps_in_platform(s1, at, k.leg1), rps_in_platform(s2, at, k.leg2),
+        rps_in_platform(s3, at, k.leg3), rps_in_platform(s4, at, k.leg4),
+        rps_in_platform(s5, at, k.leg5),
     )  # fmt: skip
 
 
-def rps_posture(x, y, alpha, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def rps_posture(x, y, alpha, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return platform, lengths and joints; the first axis of each U is tangential in the base."""
-    r1, q = constants[0], constants[1]
-    s = rps_skeleton(x, y, alpha, beta, gamma, constants)
-    h = 0.7071067811865476
-    nx, ny, nz, l1 = unit_vector(s[15], s[16] - r1, s[17])
-    l2, k2 = ups_joints(0.0, q, q, s[21], s[22], s[23], 0.0, -h, h)
-    l3, k3 = ups_joints(0.0, -q, q, s[27], s[28], s[29], 0.0, -h, -h)
-    l4, k4 = ups_joints(0.0, -q, -q, s[33], s[34], s[35], 0.0, h, -h)
-    l5, k5 = ups_joints(0.0, q, -q, s[39], s[40], s[41], 0.0, h, h)
-    k1 = (0.0, r1, 0.0, 0.0, 0.0, 1.0, 0.0, r1, 0.0, nx, ny, nz, s[15], s[16], s[17])
-    return (*s[:12], l1, l2, l3, l4, l5, *k1, *k2, *k3, *k4, *k5)
+    at = rps_place(x, y, alpha, beta, gamma, k.radius)
+    s1, s2, s3, s4, s5 = rps_spans(at, k)
+    q = k.q
+    t1 = Vec3(0.0, k.r1, 0.0)
+    e1 = plus(at.p, s1.arm)
+    return (
+        *xyz(at.p), *row_by_row(at.rotation),
+        s1.length, s2.length, s3.length, s4.length, s5.length,
+        *revolute(t1, Z), *prismatic(t1, direction(minus(e1, t1))), *spherical(e1),
+        *ups_joints(Vec3(0.0, q, q), plus(at.p, s2.arm), Vec3(0.0, -SQRT_HALF, SQRT_HALF)),
+        *ups_joints(Vec3(0.0, -q, q), plus(at.p, s3.arm), Vec3(0.0, -SQRT_HALF, -SQRT_HALF)),
+        *ups_joints(Vec3(0.0, -q, -q), plus(at.p, s4.arm), Vec3(0.0, SQRT_HALF, -SQRT_HALF)),
+        *ups_joints(Vec3(0.0, q, -q), plus(at.p, s5.arm), Vec3(0.0, SQRT_HALF, SQRT_HALF)),
+    )  # fmt: skip
 
 
 class UpsRps(Mechanism):
@@ -269,7 +302,7 @@ class UpsRps(Mechanism):
     }
     working_modes = ("direct",)
     kernel = staticmethod(rps_kernel)
-    constant_count = 51
+    constants = Constants
     line = staticmethod(rps_line)
     line_axis = 0
     line_parts = 1
@@ -432,18 +465,32 @@ class UpsRps(Mechanism):
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
-    ) -> list[float]:
-        """Return the constants in the order :func:`rps_kernel` unpacks them."""
+    ) -> Constants:
+        """Return the constants of a design."""
         big1, big, small = _radii(parameters)
         rotation, centre = self.platform(parameters, self.home(parameters))
-        gaps = centre + product(_points(parameters), rotation.T) - _anchors(parameters)
+        points = _points(parameters)
+        gaps = centre + product(points, rotation.T) - _anchors(parameters)
         units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
-        ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
-        return [
-            big1, big / math.sqrt(2), *_points(parameters)[:, 1:].ravel().tolist(),
-            small, 1 / length, *(end for pair in ends for end in pair),
-            *units[1:].ravel().tolist(), *product(units, rotation).ravel().tolist(),
-        ]  # fmt: skip
+        turned_back = product(units, rotation)
+        legs = []
+        for i, joint in enumerate(self.joints):
+            _, y, z = points[i].tolist()
+            low, high = limits.get(joint.name, (-math.inf, math.inf))
+            in_base, in_platform = Vec3(*units[i].tolist()), Vec3(*turned_back[i].tolist())
+            legs.append(Leg(y, z, low, high, in_base, in_platform))
+        leg1, leg2, leg3, leg4, leg5 = legs
+        return Constants(
+            r1=big1,
+            q=big / math.sqrt(2),
+            radius=small,
+            scale=1 / length,
+            leg1=leg1,
+            leg2=leg2,
+            leg3=leg3,
+            leg4=leg4,
+            leg5=leg5,
+        )
 
     def _lengths(self, parameters: Parameters, pose: Mapping[str, float]) -> list[float]:
         rotation, centre = self.platform(parameters, pose)

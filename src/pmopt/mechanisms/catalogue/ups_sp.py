@@ -17,17 +17,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.limbs import ups_joints
+from pmopt.kernels.limbs import prismatic, spherical, ups_joints
 from pmopt.kernels.octics import bernstein, nodes
 from pmopt.kernels.strokes import part_within_stroke
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
+from pmopt.kernels.vectors import (
+    SQRT_HALF,
+    Rotation,
+    Vec3,
+    axis_z,
+    cross,
+    dot,
+    least,
+    row_by_row,
+    turned,
+    xyz,
+)
 from pmopt.mechanisms.bodies import Body, plate, tube
 from pmopt.mechanisms.catalogue.ups_sp_forward import sp_assemble, sp_MODES, sp_WORK
 from pmopt.mechanisms.mechanism import (
@@ -55,158 +67,198 @@ _STROKE = (45.0, 90.0)
 _MM = 1e-3
 
 
-def sp_limb(r, half_x, half_y, base, l4, ex, ey):  # type: ignore[no-untyped-def]
-    """Return s_i = R ((0, 0, l4) + e_i) and B_i - A_i of a limb with A_i = (half_x, half_y, 0).
+class Leg(NamedTuple):
+    """One UPS limb of a design."""
 
-    ``base`` is A/2; r the rotation row by row.
-    """
-    r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
-    sx = r11 * ex + r12 * ey + r13 * l4
-    sy = r21 * ex + r22 * ey + r23 * l4
-    sz = r31 * ex + r32 * ey + r33 * l4
-    return sx, sy, sz, sx - base - half_x, sy - base - half_y, sz
+    x: float  # b_i - b_4, platform frame, mm
+    y: float
+    low: float  # stroke, mm
+    high: float
+    in_base: Vec3  # direction at home, base frame
+    in_platform: Vec3  # direction at home, platform frame
 
 
-def sp_row(s, r, sin_phi, cos_phi, scale):  # type: ignore[no-untyped-def]
-    """Return l_i and its rates by phi, theta, psi (times scale) and l4."""
-    sx, sy, sz, nx, ny, nz = s
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    unit = 1.0 / (length + TINY)
-    # (s x n) is the moment that omega is multiplied with.
-    mx = (sy * nz - sz * ny) * unit
-    my = (sz * nx - sx * nz) * unit
-    mz = (sx * ny - sy * nx) * unit
-    r11, _, r13, r21, _, r23, r31, _, r33 = r
+class Constants(NamedTuple):
+    """One design, as kernel, line, skeleton and posture take it."""
+
+    base: float  # A / 2, mm
+    scale: float  # 1 / characteristic length, 1/mm; 1 for the raw Jacobian
+    leg1: Leg
+    leg2: Leg
+    leg3: Leg
+    low4: float  # stroke of limb 4, mm
+    high4: float
+    b4x: float  # b_4, platform frame, mm
+    b4y: float
+    post: Vec3  # direction of limb 4 at home, base frame
+
+
+class Turn(NamedTuple):
+    """Orientation of the platform, and what rates of angles need."""
+
+    rotation: Rotation
+    sin_phi: float
+    cos_phi: float
+
+
+class Span(NamedTuple):
+    """A limb at a pose."""
+
+    arm: Vec3  # s_i = R ((0, 0, l4) + e_i), from A4 to B_i, mm
+    gap: Vec3  # B_i - A_i, mm
+    length: float  # mm
+
+
+def sp_turn(phi, theta, psi):  # type: ignore[no-untyped-def]
+    """Return the platform's orientation."""
+    rotation = roll_pitch_yaw(phi, theta, psi)
+    sin_phi, cos_phi = sin_cos(phi)
+    return Turn(rotation, sin_phi, cos_phi)
+
+
+def sp_span(rotation, l4, leg, base, corner):  # type: ignore[no-untyped-def]
+    """Return the limb that stands on ``corner``; ``base`` is A/2."""
+    arm = turned(rotation, Vec3(leg.x, leg.y, l4))
+    gap = Vec3(arm.x - base - corner.x, arm.y - base - corner.y, arm.z)
+    return Span(arm, gap, math.sqrt(dot(gap, gap)))
+
+
+def sp_spans(rotation, l4, k):  # type: ignore[no-untyped-def]
+    """Return limbs 1 to 3."""
+    a = k.base
     return (
-        length,
-        mz * scale,
-        (my * cos_phi - mx * sin_phi) * scale,
-        (mx * r11 + my * r21 + mz * r31) * scale,
-        (nx * r13 + ny * r23 + nz * r33) * unit,
+        sp_span(rotation, l4, k.leg1, a, Vec3(a, -a, 0.0)),
+        sp_span(rotation, l4, k.leg2, a, Vec3(a, a, 0.0)),
+        sp_span(rotation, l4, k.leg3, a, Vec3(-a, a, 0.0)),
     )
 
 
-def sp_kernel(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
+def sp_row(span, at, scale):  # type: ignore[no-untyped-def]
+    """Return the rates of l_i by phi, theta, psi (times scale) and l4."""
+    unit = 1.0 / (span.length + TINY)
+    # (s x n) is the moment that omega is multiplied with.
+    moment = cross(span.arm, span.gap)
+    mx = moment.x * unit
+    my = moment.y * unit
+    mz = moment.z * unit
+    r = at.rotation
+    return (
+        mz * scale,
+        (my * at.cos_phi - mx * at.sin_phi) * scale,
+        (mx * r.xx + my * r.yx + mz * r.zx) * scale,
+        dot(span.gap, axis_z(r)) * unit,
+    )
+
+
+def sp_within(span, leg, margin):  # type: ignore[no-untyped-def]
+    """Return the least of a margin and of the distances to a stroke's ends."""
+    return least(leg.high - span.length, least(span.length - leg.low, margin))
+
+
+def sp_kernel(phi, theta, psi, l4, k):  # type: ignore[no-untyped-def]
     """Return the margin, the least distance to a stroke's end, and J^-1 of the length rates.
 
     Row i is (s_i x n_i).omega + (n_i.k) l4' with omega from the rates of phi, theta, psi.
     """
-    (
-        base, e1x, e1y, e2x, e2y, e3x, e3y, _, _, scale,
-        low1, high1, low2, high2, low3, high3, low4, high4,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    r = roll_pitch_yaw(phi, theta, psi)
-    sin_phi, cos_phi = sin_cos(phi)
-    l1, a11, a12, a13, a14 = sp_row(
-        sp_limb(r, base, -base, base, l4, e1x, e1y), r, sin_phi, cos_phi, scale
-    )
-    l2, a21, a22, a23, a24 = sp_row(
-        sp_limb(r, base, base, base, l4, e2x, e2y), r, sin_phi, cos_phi, scale
-    )
-    l3, a31, a32, a33, a34 = sp_row(
-        sp_limb(r, -base, base, base, l4, e3x, e3y), r, sin_phi, cos_phi, scale
-    )
-    margin = l1 - low1
-    slack = high1 - l1
-    margin = slack if slack < margin else margin
-    slack = l2 - low2
-    margin = slack if slack < margin else margin
-    slack = high2 - l2
-    margin = slack if slack < margin else margin
-    slack = l3 - low3
-    margin = slack if slack < margin else margin
-    slack = high3 - l3
-    margin = slack if slack < margin else margin
-    slack = l4 - low4
-    margin = slack if slack < margin else margin
-    slack = high4 - l4
-    margin = slack if slack < margin else margin
+    at = sp_turn(phi, theta, psi)
+    s1, s2, s3 = sp_spans(at.rotation, l4, k)
+    margin = s1.length - k.leg1.low
+    margin = least(k.leg1.high - s1.length, margin)
+    margin = sp_within(s2, k.leg2, margin)
+    margin = sp_within(s3, k.leg3, margin)
+    margin = least(l4 - k.low4, margin)
+    margin = least(k.high4 - l4, margin)
     return (
         margin,
-        a11, a12, a13, a14,
-        a21, a22, a23, a24,
-        a31, a32, a33, a34,
+        *sp_row(s1, at, k.scale),
+        *sp_row(s2, at, k.scale),
+        *sp_row(s3, at, k.scale),
         0.0, 0.0, 0.0, 1.0,
     )  # fmt: skip
 
 
-def sp_stroke(start, end, r, limb, low, high):  # type: ignore[no-untyped-def]
-    """Cut a part of a line along l4 to a limb's stroke; ``limb`` at l4 = 0."""
-    _, _, _, nx, ny, nz = limb
-    along = nx * r[2] + ny * r[5] + nz * r[8]
-    across2 = nx * nx + ny * ny + nz * nz - along * along
-    return part_within_stroke(start, end, -along, across2, low, high)
+def sp_stroke(part, r, span, leg):  # type: ignore[no-untyped-def]
+    """Cut a part (start, end) of a line along l4 to a limb's stroke; the limb at l4 = 0."""
+    along = dot(span.gap, axis_z(r))
+    across2 = dot(span.gap, span.gap) - along * along
+    return part_within_stroke(part[0], part[1], -along, across2, leg.low, leg.high)
 
 
-def sp_line(phi, theta, psi, l4, low, high, constants):  # type: ignore[no-untyped-def]
+def sp_line(phi, theta, psi, l4, low, high, k):  # type: ignore[no-untyped-def]
     """Return what the strokes leave of a line along l4: l_i^2 is quadratic in l4."""
-    (
-        base, e1x, e1y, e2x, e2y, e3x, e3y, _, _, _,
-        low1, high1, low2, high2, low3, high3, low4, high4,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
     r = roll_pitch_yaw(phi, theta, psi)
-    start = low4 if low4 > low else low
-    end = high4 if high4 < high else high
-    start, end = sp_stroke(start, end, r, sp_limb(r, base, -base, base, 0.0, e1x, e1y), low1, high1)
-    start, end = sp_stroke(start, end, r, sp_limb(r, base, base, base, 0.0, e2x, e2y), low2, high2)
-    return sp_stroke(start, end, r, sp_limb(r, -base, base, base, 0.0, e3x, e3y), low3, high3)
+    s1, s2, s3 = sp_spans(r, 0.0, k)
+    part = (k.low4 if k.low4 > low else low, k.high4 if k.high4 < high else high)
+    part = sp_stroke(part, r, s1, k.leg1)
+    part = sp_stroke(part, r, s2, k.leg2)
+    return sp_stroke(part, r, s3, k.leg3)
 
 
-def sp_cones(s, r, ux, uy, uz, vx, vy, vz):  # type: ignore[no-untyped-def]
-    """Return the cosines between a limb and its reference in the base and in the platform."""
-    _, _, _, nx, ny, nz = s
-    unit = 1.0 / (math.sqrt(nx * nx + ny * ny + nz * nz) + TINY)
-    r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
-    wx = r11 * vx + r12 * vy + r13 * vz
-    wy = r21 * vx + r22 * vy + r23 * vz
-    wz = r31 * vx + r32 * vy + r33 * vz
-    return (nx * ux + ny * uy + nz * uz) * unit, (nx * wx + ny * wy + nz * wz) * unit
+def sp_in_base(span, leg):  # type: ignore[no-untyped-def]
+    """Return the cosine between a limb and its direction at home in the base."""
+    return dot(span.gap, leg.in_base) * (1.0 / (span.length + TINY))
 
 
-def sp_skeleton(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
+def sp_in_platform(span, r, leg):  # type: ignore[no-untyped-def]
+    """Return the cosine between a limb and its direction at home in the platform."""
+    return dot(span.gap, turned(r, leg.in_platform)) * (1.0 / (span.length + TINY))
+
+
+def sp_point(arm, base):  # type: ignore[no-untyped-def]
+    """Return the point that ``arm`` leads to from A4."""
+    return Vec3(arm.x - base, arm.y - base, arm.z)
+
+
+def sp_centre(r, l4, k):  # type: ignore[no-untyped-def]
+    """Return the platform's centre P."""
+    return sp_point(turned(r, Vec3(-k.b4x, -k.b4y, l4)), k.base)
+
+
+def sp_skeleton(phi, theta, psi, l4, k):  # type: ignore[no-untyped-def]
     """Return the platform, the four limbs and the platform's spokes, and the cones."""
-    (
-        base, e1x, e1y, e2x, e2y, e3x, e3y, b4x, b4y, _,
-        _, _, _, _, _, _, _, _,
-        u1x, u1y, u1z, v1x, v1y, v1z, u2x, u2y, u2z, v2x, v2y, v2z,
-        u3x, u3y, u3z, v3x, v3y, v3z, kx, ky, kz,
-    ) = constants  # fmt: skip
+    a = k.base
     r = roll_pitch_yaw(phi, theta, psi)
-    s1 = sp_limb(r, base, -base, base, l4, e1x, e1y)
-    s2 = sp_limb(r, base, base, base, l4, e2x, e2y)
-    s3 = sp_limb(r, -base, base, base, l4, e3x, e3y)
-    s4 = sp_limb(r, -base, -base, base, l4, 0.0, 0.0)
-    centre = sp_limb(r, -base, -base, base, l4, -b4x, -b4y)
-    px, py, pz = centre[0] - base, centre[1] - base, centre[2]
-    c1, d1 = sp_cones(s1, r, u1x, u1y, u1z, v1x, v1y, v1z)
-    c2, d2 = sp_cones(s2, r, u2x, u2y, u2z, v2x, v2y, v2z)
-    c3, d3 = sp_cones(s3, r, u3x, u3y, u3z, v3x, v3y, v3z)
+    s1, s2, s3 = sp_spans(r, l4, k)
+    p = xyz(sp_centre(r, l4, k))
+    b1 = xyz(sp_point(s1.arm, a))
+    b2 = xyz(sp_point(s2.arm, a))
+    b3 = xyz(sp_point(s3.arm, a))
+    b4 = xyz(sp_point(turned(r, Vec3(0.0, 0.0, l4)), a))
     return (
-        px, py, pz, *r,
-        base, -base, 0.0, s1[0] - base, s1[1] - base, s1[2],
-        base, base, 0.0, s2[0] - base, s2[1] - base, s2[2],
-        -base, base, 0.0, s3[0] - base, s3[1] - base, s3[2],
-        -base, -base, 0.0, s4[0] - base, s4[1] - base, s4[2],
-        px, py, pz, s1[0] - base, s1[1] - base, s1[2],
-        px, py, pz, s2[0] - base, s2[1] - base, s2[2],
-        px, py, pz, s3[0] - base, s3[1] - base, s3[2],
-        px, py, pz, s4[0] - base, s4[1] - base, s4[2],
-        c1, c2, c3, d1, d2, d3, r[2] * kx + r[5] * ky + r[8] * kz,
+        *p, *row_by_row(r),
+        a, -a, 0.0, *b1,
+        a, a, 0.0, *b2,
+        -a, a, 0.0, *b3,
+        -a, -a, 0.0, *b4,
+        *p, *b1, *p, *b2, *p, *b3, *p, *b4,
+        sp_in_base(s1, k.leg1), sp_in_base(s2, k.leg2), sp_in_base(s3, k.leg3),
+        sp_in_platform(s1, r, k.leg1), sp_in_platform(s2, r, k.leg2),
+        sp_in_platform(s3, r, k.leg3),
+        dot(axis_z(r), k.post),
     )  # fmt: skip
 
 
-def sp_posture(phi, theta, psi, l4, constants):  # type: ignore[no-untyped-def]
+def sp_posture(phi, theta, psi, l4, k):  # type: ignore[no-untyped-def]
     """Return platform, lengths and joints; the first axis of each U is tangential in the base."""
-    base = constants[0]
-    s = sp_skeleton(phi, theta, psi, l4, constants)
-    q = 0.7071067811865476
-    l1, k1 = ups_joints(base, -base, 0.0, s[15], s[16], s[17], q, q, 0.0)
-    l2, k2 = ups_joints(base, base, 0.0, s[21], s[22], s[23], -q, q, 0.0)
-    l3, k3 = ups_joints(-base, base, 0.0, s[27], s[28], s[29], -q, -q, 0.0)
-    post = (-base, -base, 0.0, -base, -base, 0.0, s[5], s[8], s[11])
-    return (*s[:12], l1, l2, l3, l4, *k1, *k2, *k3, *post)
+    a = k.base
+    r = roll_pitch_yaw(phi, theta, psi)
+    s1, s2, s3 = sp_spans(r, l4, k)
+    q = SQRT_HALF
+    a1 = Vec3(a, -a, 0.0)
+    a2 = Vec3(a, a, 0.0)
+    a3 = Vec3(-a, a, 0.0)
+    a4 = Vec3(-a, -a, 0.0)
+    b1 = sp_point(s1.arm, a)
+    b2 = sp_point(s2.arm, a)
+    b3 = sp_point(s3.arm, a)
+    return (
+        *xyz(sp_centre(r, l4, k)), *row_by_row(r),
+        s1.length, s2.length, s3.length, l4,
+        *ups_joints(a1, b1, Vec3(q, q, 0.0)),
+        *ups_joints(a2, b2, Vec3(-q, q, 0.0)),
+        *ups_joints(a3, b3, Vec3(-q, -q, 0.0)),
+        *spherical(a4), *prismatic(a4, axis_z(r)),
+    )  # fmt: skip
 
 
 class UpsSp(Mechanism):
@@ -260,7 +312,7 @@ class UpsSp(Mechanism):
     }
     working_modes = ("direct",)
     kernel = staticmethod(sp_kernel)
-    constant_count = 39
+    constants = Constants
     line = staticmethod(sp_line)
     line_axis = 3
     line_parts = 1
@@ -416,20 +468,35 @@ class UpsSp(Mechanism):
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
-    ) -> list[float]:
-        """Return the constants in the order :func:`sp_kernel` unpacks them."""
+    ) -> Constants:
+        """Return the constants of a design."""
         _, platform = _corners(parameters)
         arms = platform[:3] - platform[3]
         _, gaps, rotation, _ = self._vectors(parameters, self.home(parameters))
         units = gaps / np.linalg.norm(gaps, axis=1, keepdims=True)
-        references = np.hstack([units, product(units, rotation)]).ravel()
+        turned_back = product(units, rotation)
         ends = [limits.get(c.name, (-math.inf, math.inf)) for c in self.joints]
-        return [
-            float(parameters["A"] or 0.0) / 2,
-            *arms[:, :2].ravel().tolist(), *platform[3, :2].tolist(), 1 / length,
-            *(end for pair in ends for end in pair),
-            *references.tolist(), *rotation[:, 2].tolist(),
-        ]  # fmt: skip
+        legs = []
+        for i in range(3):
+            x, y, _ = arms[i].tolist()
+            low, high = ends[i]
+            in_base, in_platform = Vec3(*units[i].tolist()), Vec3(*turned_back[i].tolist())
+            legs.append(Leg(x, y, low, high, in_base, in_platform))
+        leg1, leg2, leg3 = legs
+        low4, high4 = ends[3]
+        b4x, b4y = platform[3, :2].tolist()
+        return Constants(
+            base=float(parameters["A"] or 0.0) / 2,
+            scale=1 / length,
+            leg1=leg1,
+            leg2=leg2,
+            leg3=leg3,
+            low4=low4,
+            high4=high4,
+            b4x=b4x,
+            b4y=b4y,
+            post=Vec3(*rotation[:, 2].tolist()),
+        )
 
     def _vectors(
         self, parameters: Parameters, pose: Mapping[str, float]

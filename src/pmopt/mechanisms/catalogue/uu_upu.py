@@ -36,14 +36,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import UnreachableError, unknown_name
+from pmopt.kernels.limbs import prismatic, spherical, universal
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos
+from pmopt.kernels.vectors import (
+    Rotation,
+    Vec3,
+    Y,
+    dot,
+    least,
+    minus,
+    row_by_row,
+    turned,
+    xyz,
+)
 from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.mechanisms.catalogue.uu_upu_forward import uu_assemble
 from pmopt.mechanisms.mechanism import (
@@ -62,8 +74,8 @@ from pmopt.mechanisms.mechanism import (
     Reach,
     Vector,
 )
-from pmopt.numerics import elementary
-from pmopt.numerics.matrices import determinant, dot, product
+from pmopt.numerics import elementary, matrices
+from pmopt.numerics.matrices import determinant, product
 
 TINY = 1e-300
 #: Least rho^2: bs = ps lets it be 0, its square may not.
@@ -104,17 +116,162 @@ _OURS = "ours"
 _PAPER = "paper, section 4 (default); bounds ours"
 
 
-def uup_turn(u, m, mu, sw, cw):  # type: ignore[no-untyped-def]
+class Geometry(NamedTuple):
+    """Lengths of a design and its working mode."""
+
+    a: float  # half the base's side, m
+    c: float  # half the platform's side, m
+    l2: float  # L^2, m^2
+    length: float  # L, m
+    r: float  # radius of the base, m
+    big_r: float  # radius of the platform, m
+    s: float  # sign of f
+    up: float  # 1 or -1, by working mode
+    far_cos: float  # cotangent of the largest |kappa|
+
+
+class Stroke(NamedTuple):
+    """Range of limb 1's length, m."""
+
+    low: float
+    high: float
+
+
+class Arc(NamedTuple):
+    """Range of an angle t: inside is cos(t - middle) >= cos(half-width)."""
+
+    cos: float  # of the middle
+    sin: float
+    least: float  # cos(half-width); -2 where all angles are allowed
+
+
+class Constants(NamedTuple):
+    """One design, as kernel, skeleton and posture take it."""
+
+    geometry: Geometry
+    weight: float  # characteristic length, m; 1 for the raw Jacobian
+    theta1: Arc
+    phi: Arc
+    delta3: Arc
+    l1: Stroke
+    eta1: Arc
+    delta2: Arc
+    kappa: Arc
+    psi: Arc
+    home1: Vec3  # directions of the limbs at home, platform frame
+    home2: Vec3
+    home3: Vec3
+
+
+class Tilt(NamedTuple):
+    """The curve that a tilt (beta, gamma) leaves."""
+
+    m: float  # cos beta sin gamma
+    mu: float  # sqrt(1 - m^2)
+    sw: float
+    cw: float
+
+
+class Sizes(NamedTuple):
+    """What P_x along the curve depends on, beside the tilt."""
+
+    a: float  # m
+    c: float  # m
+    l2: float  # L^2, m^2
+    half_r: float  # R / 2, m
+    s: float  # sign of f
+
+
+class Turn(NamedTuple):
+    """Sines and cosines of phi, kappa and psi."""
+
+    sphi: float
+    cphi: float
+    sk: float
+    ck: float
+    spsi: float
+    cpsi: float
+
+
+class Bar(NamedTuple):
+    """The four-bar of the two UU limbs."""
+
+    excess: float  # L^2 / rho^2 - 1
+    f: float
+    g: float  # f df/dkappa
+    h: float  # M's height, m
+    h_k: float  # its derivative by kappa, times |f|, m
+
+
+class Across(NamedTuple):
+    """P_x - Bm_x at a point of the curve, m, and its rates."""
+
+    value: float
+    by_u: float
+    by_v: float
+    even: float  # by v, times |f| cos phi
+
+
+class Search(NamedTuple):
+    """State of :func:`uup_solve`'s search; places are u, on one side of v = 0."""
+
+    side: float
+    t: float  # to look at next
+    t1: float  # looked at last
+    low: float
+    high: float
+    e1: float  # miss at t1, m
+    g_low: float
+    g_high: float
+    first: float  # slope at v = 0
+    last: float  # slope at t1
+    before: bool
+    searching: bool
+
+
+class Root(NamedTuple):
+    """What :func:`uup_solve` finds."""
+
+    u: float
+    miss: float  # m
+    slope: float  # m
+
+
+class Solved(NamedTuple):
+    """What :func:`uup_pose` finds at a pose."""
+
+    miss: float  # m
+    slope: float  # m
+    cb: float  # cos beta
+    turn: Turn
+
+
+class Frame(NamedTuple):
+    """A configuration, base frame, m."""
+
+    solved: Solved
+    rotation: Rotation
+    p: Vec3
+    p1: Vec3
+    p2: Vec3
+    p3: Vec3
+    b1: Vec3
+    b2: Vec3
+    b3: Vec3
+
+
+def uup_turn(u, tilt):  # type: ignore[no-untyped-def]
     """Return sine and cosine of phi, kappa and psi at a point of the curve."""
+    m, mu, sw, cw = tilt
     d = 1.0 / (1.0 + u * u)
     cv = (1.0 - u * u) * d
     sv = 2.0 * u * d
     cphi = math.sqrt(cv * cv + m * m * sv * sv) + TINY
-    return mu * sv, cphi, m / cphi, mu * cv / cphi, sw * cv - cw * sv, cw * cv + sw * sv
+    return Turn(mu * sv, cphi, m / cphi, mu * cv / cphi, sw * cv - cw * sv, cw * cv + sw * sv)
 
 
 def uup_bar(sk, ck, a, c, l2, s):  # type: ignore[no-untyped-def]
-    """Return L^2 / rho^2 - 1, f, f df/dkappa, M's height and its derivative times |f|."""
+    """Return the four-bar at kappa."""
     # 1 - cos kappa to all its digits: rho is little else where bs is nearly ps.
     less = sk * sk / (1.0 + abs(ck)) + (abs(ck) - ck)
     rho2 = (a - c) * (a - c) + 2.0 * a * c * less + uup_POINT
@@ -122,43 +279,41 @@ def uup_bar(sk, ck, a, c, l2, s):  # type: ignore[no-untyped-def]
     f = s * math.sqrt(excess if excess > uup_LEAST else uup_LEAST)
     g = -l2 * a * c * sk / (rho2 * rho2)
     arm = a - c + c * less
-    return excess, f, g, f * arm, s * (g * arm + f * f * c * sk)
+    return Bar(excess, f, g, f * arm, s * (g * arm + f * f * c * sk))
 
 
-def uup_across(u, m, mu, sw, cw, a, c, l2, half_r, s):  # type: ignore[no-untyped-def]
-    """Return P_x - Bm_x at a point of the curve; its rates by u, by v, by v times |f| cos phi."""
-    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, m, mu, sw, cw)
-    _, f, _, h, h_k = uup_bar(sk, ck, a, c, l2, s)
+def uup_across(u, tilt, sizes):  # type: ignore[no-untyped-def]
+    """Return P_x - Bm_x at a point of the curve and its rates."""
+    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, tilt)
+    bar = uup_bar(sk, ck, sizes.a, sizes.c, sizes.l2, sizes.s)
+    h, half_r = bar.h, sizes.half_r
     x = h * sphi + half_r * (cphi * cpsi - sphi * ck * spsi)
     # Along the curve phi' = cos kappa, kappa' = sin kappa tan phi, psi' = -1 by v.
-    big_f = s * f
-    even = h_k * sk * sphi * sphi + big_f * (h * cphi * cphi * ck + half_r * spsi * sk * sk)
+    big_f = sizes.s * bar.f
+    even = bar.h_k * sk * sphi * sphi + big_f * (h * cphi * cphi * ck + half_r * spsi * sk * sk)
     slope = even / (big_f * cphi)
-    return x, slope * 2.0 / (1.0 + u * u), slope, even
+    return Across(x, slope * 2.0 / (1.0 + u * u), slope, even)
 
 
-def uup_step(state, j, x, curve, bar, up, far):  # type: ignore[no-untyped-def]
+def uup_step(state, j, x, tilt, sizes, up, far):  # type: ignore[no-untyped-def]
     """Return the state of :func:`uup_solve`'s search after its point j."""
-    side, t, t1, low, high, e1, g_low, g_high, first, _, before, searching = state
-    m, mu, sw, cw = curve
-    a, c, l2, half_r, s = bar
-    value, slope, last, even = uup_across(side * t, m, mu, sw, cw, a, c, l2, half_r, s)
-    first = last if j == 0 else first
-    side = side if j > 0 or up * (value - x) < 0.0 else -1.0
-    t0 = t1
-    e0 = e1
-    t1 = t
-    e1 = side * up * (value - x)
-    g1 = up * slope
-    again = before
+    at = uup_across(state.side * state.t, tilt, sizes)
+    first = at.by_v if j == 0 else state.first
+    side = state.side if j > 0 or up * (at.value - x) < 0.0 else -1.0
+    t0 = state.t1
+    e0 = state.e1
+    t1 = state.t
+    e1 = side * up * (at.value - x)
+    g1 = up * at.by_u
+    again = state.before
     before = e1 < 0.0 and g1 > 0.0
-    low = t if before else low
-    high = high if before else t
+    low = t1 if before else state.low
+    high = state.high if before else t1
     # An end that stays has its slope halved (Illinois): the secant can not get stuck.
-    even *= up
-    g_low = even if before else (g_low if again else 0.5 * g_low)
-    g_high = (0.5 * g_high if again else g_high) if before else even
-    searching = searching and before and j < uup_CELLS
+    even = at.even * up
+    g_low = even if before else (state.g_low if again else 0.5 * state.g_low)
+    g_high = (0.5 * state.g_high if again else state.g_high) if before else even
+    searching = state.searching and before and j < uup_CELLS
     near = far if far < 1.0 else 1.0
     beyond = far if far < uup_BEYOND or j > uup_NEAR else uup_BEYOND
     node = near * (j + 1) / uup_NEAR if j < uup_NEAR else beyond
@@ -171,10 +326,10 @@ def uup_step(state, j, x, curve, bar, up, far):  # type: ignore[no-untyped-def]
     t = root if square > 0.0 else turn
     t = t if low <= t <= high else 0.5 * (low + high)
     t = node if searching else t
-    return side, t, t1, low, high, e1, g_low, g_high, first, last, before, searching
+    return Search(side, t, t1, low, high, e1, g_low, g_high, first, at.by_v, before, searching)
 
 
-def uup_solve(x, m, mu, sw, cw, a, c, l2, half_r, s, up, far):  # type: ignore[no-untyped-def]
+def uup_solve(x, tilt, sizes, up, far):  # type: ignore[no-untyped-def]
     """Return where P_x = x on the piece of the curve about v = 0 on which P_x is monotonic.
 
     With it P_x - x there, not 0 where there is no root, and the least slope by v there and at
@@ -184,27 +339,25 @@ def uup_solve(x, m, mu, sw, cw, a, c, l2, half_r, s, up, far):  # type: ignore[n
     slope at the last leads to the root, also near a turning point; where it has no root, the secant
     of the slopes leads to the turning point.
     """
-    curve = (m, mu, sw, cw)
-    bar = (a, c, l2, half_r, s)
-    state = (1.0, 0.0, 0.0, 0.0, far, 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
+    state = Search(1.0, 0.0, 0.0, 0.0, far, 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
     # Written out: a loop in the sweep's loop over poses would keep that from being vectorised.
-    state = uup_step(state, 0, x, curve, bar, up, far)
-    state = uup_step(state, 1, x, curve, bar, up, far)
-    state = uup_step(state, 2, x, curve, bar, up, far)
-    state = uup_step(state, 3, x, curve, bar, up, far)
-    state = uup_step(state, 4, x, curve, bar, up, far)
-    state = uup_step(state, 5, x, curve, bar, up, far)
-    state = uup_step(state, 6, x, curve, bar, up, far)
-    state = uup_step(state, 7, x, curve, bar, up, far)
-    state = uup_step(state, 8, x, curve, bar, up, far)
-    state = uup_step(state, 9, x, curve, bar, up, far)
-    state = uup_step(state, 10, x, curve, bar, up, far)
-    state = uup_step(state, 11, x, curve, bar, up, far)
-    state = uup_step(state, 12, x, curve, bar, up, far)
-    state = uup_step(state, 13, x, curve, bar, up, far)
-    state = uup_step(state, 14, x, curve, bar, up, far)
-    side, _, t1, _, _, e1, _, _, first, last, _, _ = state
-    return side * t1, e1, up * (last if last * up < first * up else first)
+    state = uup_step(state, 0, x, tilt, sizes, up, far)
+    state = uup_step(state, 1, x, tilt, sizes, up, far)
+    state = uup_step(state, 2, x, tilt, sizes, up, far)
+    state = uup_step(state, 3, x, tilt, sizes, up, far)
+    state = uup_step(state, 4, x, tilt, sizes, up, far)
+    state = uup_step(state, 5, x, tilt, sizes, up, far)
+    state = uup_step(state, 6, x, tilt, sizes, up, far)
+    state = uup_step(state, 7, x, tilt, sizes, up, far)
+    state = uup_step(state, 8, x, tilt, sizes, up, far)
+    state = uup_step(state, 9, x, tilt, sizes, up, far)
+    state = uup_step(state, 10, x, tilt, sizes, up, far)
+    state = uup_step(state, 11, x, tilt, sizes, up, far)
+    state = uup_step(state, 12, x, tilt, sizes, up, far)
+    state = uup_step(state, 13, x, tilt, sizes, up, far)
+    state = uup_step(state, 14, x, tilt, sizes, up, far)
+    steeper = state.last * up < state.first * up
+    return Root(state.side * state.t1, state.e1, up * (state.last if steeper else state.first))
 
 
 def uup_far(m, mu, far_cos):  # type: ignore[no-untyped-def]
@@ -217,23 +370,28 @@ def uup_far(m, mu, far_cos):  # type: ignore[no-untyped-def]
     return far if far < uup_FAR else uup_FAR
 
 
-def uup_pose(x, beta, gamma, geometry):  # type: ignore[no-untyped-def]
-    """Return root, miss and slope of :func:`uup_solve` at a pose, and the state there."""
-    a, c, l2, r, big_r, s, up, far_cos = geometry
+def uup_pose(x, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return miss and slope of :func:`uup_solve` at a pose, and the state there.
+
+    ``k`` is a :class:`Geometry`.
+    """
     sb, cb = sin_cos(beta)
     sg, cg = sin_cos(gamma)
     m = cb * sg
     level = cb * cg
     mu = math.sqrt(sb * sb + level * level) + TINY
-    sw = sb / mu
-    cw = level / mu
-    far = uup_far(m, mu, far_cos)
-    u, miss, slope = uup_solve(x + 0.5 * r, m, mu, sw, cw, a, c, l2, 0.5 * big_r, s, up, far)
-    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, m, mu, sw, cw)
-    return (miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi)
+    tilt = Tilt(m, mu, sb / mu, level / mu)
+    sizes = Sizes(k.a, k.c, k.l2, 0.5 * k.big_r, k.s)
+    root = uup_solve(x + 0.5 * k.r, tilt, sizes, k.up, uup_far(m, mu, k.far_cos))
+    return Solved(root.miss, root.slope, cb, uup_turn(root.u, tilt))
 
 
-def uup_outcome(closed, cb, turn, bar, constants):  # type: ignore[no-untyped-def]
+def uup_within(c, s, arc):  # type: ignore[no-untyped-def]
+    """Return how far inside its range the angle with cosine c and sine s is; >= 0 is inside."""
+    return c * arc.cos + s * arc.sin - arc.least
+
+
+def uup_outcome(closed, cb, turn, bar, k):  # type: ignore[no-untyped-def]
     """Return the margin and a positive multiple of Qq adj(Xq) at a configuration.
 
     Xq and Qq are the derivatives of the pose (x, beta, gamma) and of the joints (theta1, phi, d3)
@@ -243,13 +401,7 @@ def uup_outcome(closed, cb, turn, bar, constants):  # type: ignore[no-untyped-de
     where the pose is reached, ``turn`` what :func:`uup_turn` returns, ``bar`` what
     :func:`uup_bar` does.
     """
-    (
-        a, c, l2, length, r, big_r, s, _, _, weight,
-        t_cos, t_sin, t_least, phi_cos, phi_sin, phi_least, d3_cos, d3_sin, d3_least,
-        l1_low, l1_high, eta_cos, eta_sin, eta_least, d2_cos, d2_sin, d2_least,
-        k_cos, k_sin, k_least, psi_cos, psi_sin, psi_least,
-        _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
+    a, c, l2, length, r, big_r, s, _, _ = k.geometry
     sphi, cphi, sk, ck, spsi, cpsi = turn
     excess, f, g, h, h_k = bar
     y = f * c * sk
@@ -299,35 +451,26 @@ def uup_outcome(closed, cb, turn, bar, constants):  # type: ignore[no-untyped-de
     g_psi = ox * xx + ck * xy
     # adj(Xq), its columns times weight, cos beta and cos^2 beta
     cb2 = cb * cb
-    p_x = weight * (b_k * g_psi - b_psi * g_k)
+    p_x = k.weight * (b_k * g_psi - b_psi * g_k)
     p_b = cb * (x_psi * g_k - x_k * g_psi)
     p_g = cb2 * (x_k * b_psi - x_psi * b_k)
-    k_x = weight * (b_psi * g_phi - b_phi * g_psi)
+    k_x = k.weight * (b_psi * g_phi - b_phi * g_psi)
     k_b = cb * (x_phi * g_psi - x_psi * g_phi)
     k_g = cb2 * (x_psi * b_phi - x_phi * b_psi)
-    s_x = weight * (b_phi * g_k - b_k * g_phi)
+    s_x = k.weight * (b_phi * g_k - b_k * g_phi)
     s_b = cb * (x_k * g_phi - x_phi * g_k)
     s_g = cb2 * (x_phi * b_k - x_k * b_phi)
 
-    margin = excess if excess < closed else closed
-    slack = l1 - l1_low
-    margin = slack if slack < margin else margin
-    slack = l1_high - l1
-    margin = slack if slack < margin else margin
-    slack = wz / flat * t_cos + wx / flat * t_sin - t_least
-    margin = slack if slack < margin else margin
-    slack = cphi * phi_cos + sphi * phi_sin - phi_least
-    margin = slack if slack < margin else margin
-    slack = d3_c / length * d3_cos + d3_s / length * d3_sin - d3_least
-    margin = slack if slack < margin else margin
-    slack = flat / (l1 + TINY) * eta_cos + wy / (l1 + TINY) * eta_sin - eta_least
-    margin = slack if slack < margin else margin
-    slack = d2_c / length * d2_cos + d2_s / length * d2_sin - d2_least
-    margin = slack if slack < margin else margin
-    slack = ck * k_cos + sk * k_sin - k_least
-    margin = slack if slack < margin else margin
-    slack = cpsi * psi_cos + spsi * psi_sin - psi_least
-    margin = slack if slack < margin else margin
+    margin = least(excess, closed)
+    margin = least(l1 - k.l1.low, margin)
+    margin = least(k.l1.high - l1, margin)
+    margin = least(uup_within(wz / flat, wx / flat, k.theta1), margin)
+    margin = least(uup_within(cphi, sphi, k.phi), margin)
+    margin = least(uup_within(d3_c / length, d3_s / length, k.delta3), margin)
+    margin = least(uup_within(flat / (l1 + TINY), wy / (l1 + TINY), k.eta1), margin)
+    margin = least(uup_within(d2_c / length, d2_s / length, k.delta2), margin)
+    margin = least(uup_within(ck, sk, k.kappa), margin)
+    margin = least(uup_within(cpsi, spsi, k.psi), margin)
     d3_f = d3_k * flat2
     return (
         margin,
@@ -339,31 +482,23 @@ def uup_outcome(closed, cb, turn, bar, constants):  # type: ignore[no-untyped-de
     )  # fmt: skip
 
 
-def kernel(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def kernel(x, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return the margin and a multiple of the inverse Jacobian at a pose; see uup_outcome."""
-    (
-        a, c, l2, length, r, big_r, s, up, far_cos, _,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-        _, _, _, _, _, _, _, _, _,
-    ) = constants  # fmt: skip
-    miss, slope, cb, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
-        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
-    )
-    bar = uup_bar(sk, ck, a, c, l2, s)
+    a, c, l2, length, _, _, s, _, _ = k.geometry
+    miss, slope, cb, turn = uup_pose(x, beta, gamma, k.geometry)
+    bar = uup_bar(turn.sk, turn.ck, a, c, l2, s)
     # The slope falls to 0 as the root of the distance to P_x's extreme: its square is linear.
     closed = slope * abs(slope) / length
-    slack = -abs(miss) if abs(miss) > uup_CLOSE * length else bar[0]
-    closed = slack if slack < closed else closed
-    turn = (sphi, cphi, sk, ck, spsi, cpsi)
-    return uup_outcome(closed, cb, turn, bar, constants)
+    closed = least(-abs(miss) if abs(miss) > uup_CLOSE * length else bar.excess, closed)
+    return uup_outcome(closed, cb, turn, bar, k)
 
 
-def uup_of_v(v, beta, gamma, constants):  # type: ignore[no-untyped-def]
+def uup_of_v(v, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return P_x, up times its slope by v, and what the kernel does, at a point of the curve.
 
     What is asked of the slope is left to the caller.
     """
-    a, c, l2, _, r, big_r, s, up = constants[:8]
+    a, c, l2, _, r, big_r, s, up, _ = k.geometry
     sb, cb = sin_cos(beta)
     sg, cg = sin_cos(gamma)
     sv, cv = sin_cos(v)
@@ -393,23 +528,18 @@ def uup_of_v(v, beta, gamma, constants):  # type: ignore[no-untyped-def]
     big_f = rise / rho
     f = s * big_f
     g = -(l2 * a * c * sk / (rho2 * rho2))
-    bar = (l2 - rho2, f, g, h, big_f * h_k * sk)
-    turn = (sphi, cphi, sk, ck, spsi, cpsi)
-    return (x, up * slope, *uup_outcome(1.0, cb, turn, bar, constants))
+    bar = Bar(l2 - rho2, f, g, h, big_f * h_k * sk)
+    turn = Turn(sphi, cphi, sk, ck, spsi, cpsi)
+    return (x, up * slope, *uup_outcome(1.0, cb, turn, bar, k))
 
 
-def skeleton(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
-    """Return platform, links and spokes, and the cosines of the cone angles at S1, U2 and U3."""
-    (
-        a, c, l2, length, r, big_r, s, up, far_cos, _,
-        _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-        r1x, r1y, r1z, r2x, r2y, r2z, r3x, r3y, r3z,
-    ) = constants  # fmt: skip
-    _, _, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
-        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
-    )
-    _, f, _, h, _ = uup_bar(sk, ck, a, c, l2, s)
-    y = f * c * sk
+def uup_frame(x, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return a configuration."""
+    a, c, l2, _, r, big_r, s, _, _ = k.geometry
+    solved = uup_pose(x, beta, gamma, k.geometry)
+    sphi, cphi, sk, ck, spsi, cpsi = solved.turn
+    bar = uup_bar(sk, ck, a, c, l2, s)
+    y = bar.f * c * sk
     base = -0.5 * r
     # Rot's columns
     xx = cphi * cpsi - sphi * ck * spsi
@@ -420,88 +550,76 @@ def skeleton(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
     zx = xy * oz - xz * ck
     zy = xz * ox - xx * oz
     zz = xx * ck - xy * ox
-    mx = base + h * sphi
-    mz = h * cphi
+    mx = base + bar.h * sphi
+    mz = bar.h * cphi
     half = 0.5 * big_r
-    px = mx + half * xx
-    py = y + half * xy
-    pz = mz + half * xz
-    p1x = px + big_r * xx
-    p1y = py + big_r * xy
-    p1z = pz + big_r * xz
-    p2x = mx + c * ox
-    p2y = y + c * ck
-    p2z = mz + c * oz
-    p3x = mx - c * ox
-    p3y = y - c * ck
-    p3z = mz - c * oz
-    w1x = p1x - r
-    l1 = math.sqrt(w1x * w1x + p1y * p1y + p1z * p1z) + TINY
-    cone1 = (
-        w1x * (xx * r1x + ox * r1y + zx * r1z)
-        + p1y * (xy * r1x + ck * r1y + zy * r1z)
-        + p1z * (xz * r1x + oz * r1y + zz * r1z)
-    ) / l1
-    cone2 = (
-        (p2x - base) * (xx * r2x + ox * r2y + zx * r2z)
-        + (p2y - a) * (xy * r2x + ck * r2y + zy * r2z)
-        + p2z * (xz * r2x + oz * r2y + zz * r2z)
-    ) / length
-    cone3 = (
-        (p3x - base) * (xx * r3x + ox * r3y + zx * r3z)
-        + (p3y + a) * (xy * r3x + ck * r3y + zy * r3z)
-        + p3z * (xz * r3x + oz * r3y + zz * r3z)
-    ) / length
-    return (
-        px, py, pz,
-        xx, ox, zx, xy, ck, zy, xz, oz, zz,
-        r, 0.0, 0.0, p1x, p1y, p1z,
-        base, a, 0.0, p2x, p2y, p2z,
-        base, -a, 0.0, p3x, p3y, p3z,
-        px, py, pz, p1x, p1y, p1z,
-        px, py, pz, p2x, p2y, p2z,
-        px, py, pz, p3x, p3y, p3z,
-        cone1, cone2, cone3,
-    )  # fmt: skip
-
-
-def posture(x, beta, gamma, constants):  # type: ignore[no-untyped-def]
-    """Return platform, joints' positions and joints; see :meth:`UuUpu.layout`."""
-    a, c, l2, _, r, big_r, s, up, far_cos = constants[:9]
-    _, _, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
-        x, beta, gamma, (a, c, l2, r, big_r, s, up, far_cos)
+    p = Vec3(mx + half * xx, y + half * xy, mz + half * xz)
+    return Frame(
+        solved,
+        Rotation(xx, ox, zx, xy, ck, zy, xz, oz, zz),
+        p,
+        p1=Vec3(p.x + big_r * xx, p.y + big_r * xy, p.z + big_r * xz),
+        p2=Vec3(mx + c * ox, y + c * ck, mz + c * oz),
+        p3=Vec3(mx - c * ox, y - c * ck, mz - c * oz),
+        b1=Vec3(r, 0.0, 0.0),
+        b2=Vec3(base, a, 0.0),
+        b3=Vec3(base, -a, 0.0),
     )
-    at = skeleton(x, beta, gamma, constants)
-    _, f, _, h, _ = uup_bar(sk, ck, a, c, l2, s)
-    y = f * c * sk
-    wx, wy, wz = at[15] - r, at[16], at[17]
-    theta1 = arc_tangent(wx, wz)
-    flat = math.sqrt(wx * wx + wz * wz)
-    l1 = math.sqrt(flat * flat + wy * wy)
-    delta2 = arc_tangent(y - a + c * ck, h + c * sk)
-    delta3 = arc_tangent(y + a - c * ck, h - c * sk)
+
+
+def skeleton(x, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return platform, links and spokes, and the cosines of the cone angles at S1, U2 and U3."""
+    at = uup_frame(x, beta, gamma, k)
+    length = k.geometry.length
+    w1 = minus(at.p1, at.b1)
+    l1 = math.sqrt(dot(w1, w1)) + TINY
+    p = xyz(at.p)
+    p1 = xyz(at.p1)
+    p2 = xyz(at.p2)
+    p3 = xyz(at.p3)
     return (
-        *at[:12],
-        theta1, arc_tangent(sphi, cphi), delta3,
-        l1, arc_tangent(wy, flat), delta2, arc_tangent(sk, ck), arc_tangent(spsi, cpsi),
-        r, 0.0, 0.0, 0.0, 1.0, 0.0, -wz / flat, 0.0, wx / flat,
-        r, 0.0, 0.0, wx / l1, wy / l1, wz / l1,
-        at[15], at[16], at[17],
-        at[18], at[19], at[20], 0.0, 1.0, 0.0, -cphi, 0.0, sphi,
-        at[21], at[22], at[23], cphi, 0.0, -sphi, at[4], at[7], at[10],
-        at[24], at[25], at[26], 0.0, 1.0, 0.0, -cphi, 0.0, sphi,
-        at[27], at[28], at[29], cphi, 0.0, -sphi, at[4], at[7], at[10],
+        *p, *row_by_row(at.rotation),
+        *xyz(at.b1), *p1, *xyz(at.b2), *p2, *xyz(at.b3), *p3,
+        *p, *p1, *p, *p2, *p, *p3,
+        dot(w1, turned(at.rotation, k.home1)) / l1,
+        dot(minus(at.p2, at.b2), turned(at.rotation, k.home2)) / length,
+        dot(minus(at.p3, at.b3), turned(at.rotation, k.home3)) / length,
     )  # fmt: skip
 
 
-def uup_main(x, curve, far, bar, up, length):  # type: ignore[no-untyped-def]
+def posture(x, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return platform, joints' positions and joints; see :meth:`UuUpu.layout`."""
+    a, c, l2, _, _, _, s, _, _ = k.geometry
+    at = uup_frame(x, beta, gamma, k)
+    sphi, cphi, sk, ck, spsi, cpsi = at.solved.turn
+    bar = uup_bar(sk, ck, a, c, l2, s)
+    h = bar.h
+    y = bar.f * c * sk
+    w = minus(at.p1, at.b1)
+    flat = math.sqrt(w.x * w.x + w.z * w.z)
+    l1 = math.sqrt(flat * flat + w.y * w.y)
+    lower = Vec3(-cphi, 0.0, sphi)
+    upper = Vec3(cphi, 0.0, -sphi)
+    o = Vec3(at.rotation.xy, at.rotation.yy, at.rotation.zy)
+    return (
+        *xyz(at.p), *row_by_row(at.rotation),
+        arc_tangent(w.x, w.z), arc_tangent(sphi, cphi),
+        arc_tangent(y + a - c * ck, h - c * sk),
+        l1, arc_tangent(w.y, flat), arc_tangent(y - a + c * ck, h + c * sk),
+        arc_tangent(sk, ck), arc_tangent(spsi, cpsi),
+        *universal(at.b1, Y, Vec3(-w.z / flat, 0.0, w.x / flat)),
+        *prismatic(at.b1, Vec3(w.x / l1, w.y / l1, w.z / l1)), *spherical(at.p1),
+        *universal(at.b2, Y, lower), *universal(at.p2, upper, o),
+        *universal(at.b3, Y, lower), *universal(at.p3, upper, o),
+    )  # fmt: skip
+
+
+def uup_main(x, tilt, far, sizes, up, length):  # type: ignore[no-untyped-def]
     """Return a working mode's root by a scan in fine cells and bisection, and whether there is one.
 
     The cells end where P_x crosses x or turns back; bisection then keeps what lies before both.
     """
-    m, mu, sw, cw = curve
-    a, c, l2, half_r, s = bar
-    value, slope, _, _ = uup_across(0.0, m, mu, sw, cw, a, c, l2, half_r, s)
+    value, slope, _, _ = uup_across(0.0, tilt, sizes)
     if up * slope <= 0.0:
         return 0.0, False
     side = 1.0 if up * (value - x) < 0.0 else -1.0
@@ -510,7 +628,7 @@ def uup_main(x, curve, far, bar, up, length):  # type: ignore[no-untyped-def]
     for j in range(FINE):
         part = (j + 1) / FINE
         high = part / (1.0 - part + part / far) if far > 0.0 else 0.0
-        value, slope, _, _ = uup_across(side * high, m, mu, sw, cw, a, c, l2, half_r, s)
+        value, slope, _, _ = uup_across(side * high, tilt, sizes)
         if side * up * (value - x) >= 0.0 or up * slope <= 0.0:
             break
         low = high
@@ -518,20 +636,49 @@ def uup_main(x, curve, far, bar, up, length):  # type: ignore[no-untyped-def]
         middle = (low + high) / 2
         if middle in (low, high):
             break
-        value, slope, _, _ = uup_across(side * middle, m, mu, sw, cw, a, c, l2, half_r, s)
+        value, slope, _, _ = uup_across(side * middle, tilt, sizes)
         if side * up * (value - x) < 0.0 and up * slope > 0.0:
             low = middle
         else:
             high = middle
-    value, _, _, _ = uup_across(side * high, m, mu, sw, cw, a, c, l2, half_r, s)
+    value, _, _, _ = uup_across(side * high, tilt, sizes)
     # Twice what the kernel allows: where it finds the end of reach there is a root here.
     return side * high, side * up * (value - x) >= -2.0 * uup_CLOSE * length
 
 
-def uup_all_round(cv, sv, side, s, x, curve, bar):  # type: ignore[no-untyped-def]
+class Half(NamedTuple):
+    """Half the curve, |v| on one side of v = 0, and the x that is looked for."""
+
+    side: float
+    s: float  # sign of f
+    x: float  # m
+    tilt: Tilt
+    sizes: Sizes
+
+
+class Plan(NamedTuple):
+    """Half the sides and the radii of base and platform, m."""
+
+    a: float
+    c: float
+    r: float
+    big_r: float
+
+
+class Angles(NamedTuple):
+    """Sines and cosines of beta and gamma."""
+
+    sb: float
+    cb: float
+    sg: float
+    cg: float
+
+
+def uup_all_round(cv, sv, half):  # type: ignore[no-untyped-def]
     """Return P_x - x and what has the sign of its slope by |v|, all round the curve."""
-    m, mu, sw, cw = curve
-    a, c, l2, half_r, _ = bar
+    m, mu, sw, cw = half.tilt
+    a, c, l2, half_r, _ = half.sizes
+    side, s = half.side, half.s
     cphi2 = cv * cv + (m * sv) * (m * sv)
     cphi = math.sqrt(cphi2)
     sk = m / cphi
@@ -546,7 +693,7 @@ def uup_all_round(cv, sv, side, s, x, curve, bar):  # type: ignore[no-untyped-de
     f = math.sqrt(f2)
     arm = a - c + c * less
     h_k = (f2 * c - l2 * a * c / (rho2 * rho2) * arm) * sk
-    value = s * f * arm * sphi + half_r * (cphi * cpsi - sphi * ck * spsi) - x
+    value = s * f * arm * sphi + half_r * (cphi * cpsi - sphi * ck * spsi) - half.x
     even = s * h_k * sk * sphi * sphi
     even = even + f * (s * f * arm * cphi2 * ck + half_r * spsi * sk * sk)
     return value, side * even
@@ -560,15 +707,15 @@ def uup_place(p, way):  # type: ignore[no-untyped-def]
     return (1.0 - p * p) * d if way > 0 else (p * p - 1.0) * d, 2.0 * p * d
 
 
-def uup_zero(low, high, way, which, side, s, x, curve, bar):  # type: ignore[no-untyped-def]
+def uup_zero(low, high, way, which, half):  # type: ignore[no-untyped-def]
     """Return where P_x - x (which = 0) or its slope (1) changes its sign, by bisection.
 
     Numbers of the same sign far apart are bisected by their logarithms.
     """
     cv, sv = uup_place(low, way)
-    at_low = uup_all_round(cv, sv, side, s, x, curve, bar)[which]
+    at_low = uup_all_round(cv, sv, half)[which]
     cv, sv = uup_place(high, way)
-    at_high = uup_all_round(cv, sv, side, s, x, curve, bar)[which]
+    at_high = uup_all_round(cv, sv, half)[which]
     # Rounding may move an end's sign: then it is the root.
     if at_low * at_high >= 0.0:
         return low if abs(at_low) < abs(at_high) else high
@@ -582,14 +729,14 @@ def uup_zero(low, high, way, which, side, s, x, curve, bar):  # type: ignore[no-
         if middle in (low, high):
             break
         cv, sv = uup_place(middle, way)
-        if (uup_all_round(cv, sv, side, s, x, curve, bar)[which] < 0.0) == below:
+        if (uup_all_round(cv, sv, half)[which] < 0.0) == below:
             low = middle
         else:
             high = middle
     return high
 
 
-def uup_nodes(curve, largest, work):  # type: ignore[no-untyped-def]
+def uup_nodes(tilt, largest, work):  # type: ignore[no-untyped-def]
     """Write cosines of |v| to look at into the first numbers of ``work``, falling from 1.
 
     They are spread evenly in v and, denser where f falls to 0, in kappa: where m is small kappa
@@ -602,7 +749,7 @@ def uup_nodes(curve, largest, work):  # type: ignore[no-untyped-def]
     stretched : bool
         Whether it ends where the links are stretched, else at v = 180 degrees.
     """
-    m, mu, _, _ = curve
+    m, mu = tilt.m, tilt.mu
     start = mu / m
     if largest >= 1.0:
         return 0, False
@@ -636,14 +783,14 @@ def uup_nodes(curve, largest, work):  # type: ignore[no-untyped-def]
     return count, stretched
 
 
-def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-def]
+def uup_others(x, tilt, largest, sizes, size, work):  # type: ignore[no-untyped-def]
     """Write every root of P_x = x into ``work`` from number 9 uup_ROOM on; return their number.
 
     Four numbers each: cosine and sine of |v|, the side of v and s. Those of s = 1 come first, each
     from v = 0 outwards. Between nodes where P_x - x changes sign is a root, and a pair where it
     turns back beyond 0.
     """
-    count, stretched = uup_nodes(curve, largest, work)
+    count, stretched = uup_nodes(tilt, largest, work)
     roots = 0
     place = 9 * uup_ROOM
     if count == 0:
@@ -654,7 +801,8 @@ def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-d
         for row in range(4):
             side = 1.0 if row % 2 == 0 else -1.0
             s = 1.0 if row < 2 else -1.0
-            value, slope = uup_all_round(cv, sv, side, s, x, curve, bar)
+            half = Half(side, s, x, tilt, sizes)
+            value, slope = uup_all_round(cv, sv, half)
             work[(1 + row) * uup_ROOM + k] = value
             work[(5 + row) * uup_ROOM + k] = slope
     if stretched:  # f = 0: both s meet
@@ -666,6 +814,7 @@ def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-d
     for row in range(4):
         side = 1.0 if row % 2 == 0 else -1.0
         s = 1.0 if row < 2 else -1.0
+        half = Half(side, s, x, tilt, sizes)
         for k in range(count - 1):
             value = work[(1 + row) * uup_ROOM + k]
             sign = 1.0 if value >= 0.0 else -1.0
@@ -685,9 +834,9 @@ def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-d
             middle = high
             pairs = 1
             if turns:
-                middle = uup_zero(low, high, way, 1, side, s, x, curve, bar)
+                middle = uup_zero(low, high, way, 1, half)
                 cv, sv = uup_place(middle, way)
-                short = sign * uup_all_round(cv, sv, side, s, x, curve, bar)[0]
+                short = sign * uup_all_round(cv, sv, half)[0]
                 if short > 1e-15 * size:
                     continue
                 pairs = 2
@@ -698,7 +847,7 @@ def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-d
                 if roots == uup_MOST:
                     break
                 begin, end = (low, middle) if pair == 0 else (middle, high)
-                cv, sv = uup_place(uup_zero(begin, end, way, 0, side, s, x, curve, bar), way)
+                cv, sv = uup_place(uup_zero(begin, end, way, 0, half), way)
                 at = place + 4 * roots
                 while (
                     at > place
@@ -716,12 +865,12 @@ def uup_others(x, curve, largest, bar, size, work):  # type: ignore[no-untyped-d
     return roots
 
 
-def uup_write(row, number, turn, bar, geometry, tilt):  # type: ignore[no-untyped-def]
+def uup_write(row, number, turn, bar, plan, angles):  # type: ignore[no-untyped-def]
     """Write a branch: its number, joints, y, z and alpha, and the passive joints."""
     sphi, cphi, sk, ck, spsi, cpsi = turn
-    a, c, r, big_r = geometry
-    sb, cb, sg, cg = tilt
-    _, f, _, h, _ = bar
+    a, c, r, big_r = plan
+    sb, cb, sg, cg = angles
+    f, h = bar.f, bar.h
     y = f * c * sk
     xx = cphi * cpsi - sphi * ck * spsi
     xy = spsi * sk
@@ -780,25 +929,25 @@ def uup_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
     mu = math.sqrt(sb * sb + level * level) + TINY
     sw = sb / mu
     cw = level / mu
-    curve = (m, mu, sw, cw)
+    curve = Tilt(m, mu, sw, cw)
     l2 = length * length
     half_r = 0.5 * big_r
     largest = (a * a + c * c - l2) / (2.0 * a * c)
     far = uup_far(m, mu, constants[5])
-    geometry = (a, c, r, big_r)
-    tilt = (sb, cb, sg, cg)
+    plan = Plan(a, c, r, big_r)
+    angles = Angles(sb, cb, sg, cg)
     count = 0
     taken = 9 * uup_ROOM + 4 * uup_MOST
     for mode in range(2):
         up = 1.0 if mode == 0 else -1.0
         s = up if a >= c else -up
-        u, there = uup_main(x, curve, far, (a, c, l2, half_r, s), up, length)
+        u, there = uup_main(x, curve, far, Sizes(a, c, l2, half_r, s), up, length)
         work[taken + mode] = 0.0
         if there:
-            turn = uup_turn(u, m, mu, sw, cw)
-            bar = uup_bar(turn[2], turn[3], a, c, l2, s)
-            if bar[0] >= 0.0:
-                uup_write(found[count], mode, turn, bar, geometry, tilt)
+            turn = uup_turn(u, curve)
+            bar = uup_bar(turn.sk, turn.ck, a, c, l2, s)
+            if bar.excess >= 0.0:
+                uup_write(found[count], mode, turn, bar, plan, angles)
                 work[taken + mode] = 1.0
                 work[taken + 2 + 2 * mode] = found[count, 2]
                 work[taken + 3 + 2 * mode] = found[count, 10]
@@ -806,9 +955,9 @@ def uup_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
     mirror = -1.0 if m < 0.0 else 1.0
     size = abs(m)
     size = size if size > FLAT else FLAT
-    round_curve = (size, mu, sw, cw)
-    bar_all = (a, c, l2, half_r, 1.0)
-    roots = uup_others(x, round_curve, largest, bar_all, length + big_r, work)
+    round_curve = Tilt(size, mu, sw, cw)
+    sizes_all = Sizes(a, c, l2, half_r, 1.0)
+    roots = uup_others(x, round_curve, largest, sizes_all, length + big_r, work)
     place = 9 * uup_ROOM
     for mode in range(2):
         up = 1.0 if mode == 0 else -1.0
@@ -837,12 +986,12 @@ def uup_invert(pose, constants, found, work):  # type: ignore[no-untyped-def]
             number += 2
             cv, sv, side = work[at], work[at + 1], work[at + 2]
             cphi = math.sqrt(cv * cv + (size * sv) * (size * sv))
-            turn = (
+            turn = Turn(
                 side * mu * sv, cphi, mirror * size / cphi, mu * cv / cphi,
                 sw * cv - cw * side * sv, cw * cv + sw * side * sv,
             )  # fmt: skip
-            bar = uup_bar(turn[2], turn[3], a, c, l2, s)
-            uup_write(found[count], number, turn, bar, geometry, tilt)
+            bar = uup_bar(turn.sk, turn.ck, a, c, l2, s)
+            uup_write(found[count], number, turn, bar, plan, angles)
             count += 1
     return count, True
 
@@ -856,8 +1005,7 @@ class Configuration:
     q : (3,) float64
     sign : float
         s of f = s sqrt(L^2 / rho^2 - 1).
-    bar : tuple of float
-        What :func:`uup_bar` returns.
+    bar : Bar
     rotation : (3, 3) float64
         The platform's; its second column is o, the direction of P3P2.
     normal : (3,) float64
@@ -873,7 +1021,7 @@ class Configuration:
 
     q: Vector
     sign: float
-    bar: tuple[float, float, float, float, float]
+    bar: Bar
     rotation: Matrix
     normal: Vector
     middle: Vector
@@ -1063,7 +1211,7 @@ class UuUpu(Mechanism):
     }
     working_modes = tuple(MODE_SIGNS)
     kernel = staticmethod(kernel)
-    constant_count = 42
+    constants = Constants
     curve = Curve(0, uup_of_v)
     skeleton = staticmethod(skeleton)
     posture = staticmethod(posture)
@@ -1147,7 +1295,7 @@ class UuUpu(Mechanism):
         at = configuration(parameters, q, sign)
         l1 = float(at.lengths[0])
         low, high = self.default_limits(parameters)["l1"]
-        stretched = length - length / math.sqrt(max(at.bar[0] + 1.0, TINY))
+        stretched = length - length / math.sqrt(max(at.bar.excess + 1.0, TINY))
         plane = min(slope * abs(slope) / length, stretched)
         if abs(miss) > uup_CLOSE * length:
             plane = min(plane, -abs(miss))
@@ -1180,7 +1328,7 @@ class UuUpu(Mechanism):
 
     def inversion_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`uup_invert`."""
-        return [*_lengths(parameters), _geometry(parameters, self.working_modes[0])[8]]
+        return [*_lengths(parameters), _geometry(parameters, self.working_modes[0]).far_cos]
 
     def assembly_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`uu_assemble`."""
@@ -1217,7 +1365,7 @@ class UuUpu(Mechanism):
         across, o = at.rotation[:, 0], at.rotation[:, 1]
         # rho^2 = L^2 / (excess + 1); the determinant is |f| cos phi cos^2 beta dP_x/dv.
         shrink = across[0] * across[0] + across[1] * across[1]
-        shrink *= math.sqrt(max(at.bar[0] + 1.0, TINY))
+        shrink *= math.sqrt(max(at.bar.excess + 1.0, TINY))
         extreme = -float(determinant(x_q) / (max(shrink, TINY) * (length + big_r)))
         direction = np.array([elementary.cos(at.theta1), 0.0, -elementary.sin(at.theta1)])
         in_line = elementary.cos(at.q[1] + at.delta2)
@@ -1319,28 +1467,27 @@ class UuUpu(Mechanism):
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges
-    ) -> list[float]:
-        """Return the constants in the order :func:`kernel` and :func:`skeleton` unpack them."""
-
-        def arc(name: str) -> list[float]:
-            low, high = limits.get(name, (-math.inf, math.inf))
-            # A full turn excludes nothing, not even by rounding.
-            if not high - low < 2 * math.pi:
-                return [1.0, 0.0, -2.0]
-            middle = (low + high) / 2
-            sine, cosine = elementary.sin_cos(middle)
-            return [cosine, sine, elementary.cos((high - low) / 2) - 4e-16]
-
+    ) -> Constants:
+        """Return the constants of a design."""
         home = _root(parameters, self.home(parameters), working_mode)
         # Without a home there is nothing to measure from: every cone angle counts as 90 degrees.
         references = np.zeros((3, 3)) if home is None else product(home.directions, home.rotation)
-        return [
-            *_geometry(parameters, working_mode), length,
-            *arc("theta1"), *arc("phi"), *arc("delta3"),
-            *limits.get("l1", (-math.inf, math.inf)),
-            *arc("eta1"), *arc("delta2"), *arc("kappa"), *arc("psi"),
-            *references.ravel().tolist(),
-        ]  # fmt: skip
+        home1, home2, home3 = (Vec3(*row) for row in references.tolist())
+        return Constants(
+            geometry=_geometry(parameters, working_mode),
+            weight=length,
+            theta1=_arc(limits.get("theta1")),
+            phi=_arc(limits.get("phi")),
+            delta3=_arc(limits.get("delta3")),
+            l1=Stroke(*limits.get("l1", (-math.inf, math.inf))),
+            eta1=_arc(limits.get("eta1")),
+            delta2=_arc(limits.get("delta2")),
+            kappa=_arc(limits.get("kappa")),
+            psi=_arc(limits.get("psi")),
+            home1=home1,
+            home2=home2,
+            home3=home3,
+        )
 
     def idle_slacks(self, limits: Ranges) -> frozenset[int]:
         """Return the slacks of angles that may turn in full: 3 to 9."""
@@ -1359,14 +1506,24 @@ def _lengths(parameters: Parameters) -> tuple[float, float, float, float, float]
     return base / 2, side / 2, length, base / math.sqrt(3), side / math.sqrt(3)
 
 
-def _geometry(parameters: Parameters, mode: str) -> list[float]:
-    """Return what :func:`uup_pose` needs, length before r: a, c, L^2, L, r, R, s, up, far_cos."""
+def _geometry(parameters: Parameters, mode: str) -> Geometry:
+    """Return the lengths of a design and its working mode."""
     a, c, length, r, big_r = _lengths(parameters)
     up = MODE_SIGNS[mode]
     # The cotangent of the largest |kappa|, where rho = L.
     cosine = (a * a + c * c - length * length) / (2 * a * c)
     far = cosine / math.sqrt(1 - cosine * cosine) if abs(cosine) < 1 else math.copysign(1e9, cosine)
-    return [a, c, length * length, length, r, big_r, up if a >= c else -up, up, far]
+    return Geometry(a, c, length * length, length, r, big_r, up if a >= c else -up, up, far)
+
+
+def _arc(limits: tuple[float, float] | None) -> Arc:
+    """Return the range of an angle; all angles without limits."""
+    low, high = limits or (-math.inf, math.inf)
+    # A full turn excludes nothing, not even by rounding.
+    if not high - low < 2 * math.pi:
+        return Arc(1.0, 0.0, -2.0)
+    sine, cosine = elementary.sin_cos((low + high) / 2)
+    return Arc(cosine, sine, elementary.cos((high - low) / 2) - 4e-16)
 
 
 def _about_y(angle: float) -> Matrix:
@@ -1379,8 +1536,8 @@ def _yaw(rotation: Matrix, beta: float, gamma: float) -> float:
     (sb, cb), (sg, cg) = elementary.sin_cos(beta), elementary.sin_cos(gamma)
     first, second = np.array([[cb, sb * sg, sb * cg], [0.0, cg, -sg]])
     x, y = rotation[0], rotation[1]
-    across = dot(y, first) - dot(x, second)
-    return elementary.atan2(across, dot(x, first) + dot(y, second))
+    across = matrices.dot(y, first) - matrices.dot(x, second)
+    return elementary.atan2(across, matrices.dot(x, first) + matrices.dot(y, second))
 
 
 def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
@@ -1391,40 +1548,38 @@ def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:
     )
 
 
-def _curve(pose: Mapping[str, float]) -> tuple[float, float, float, float]:
-    """Return m, mu, sin w and cos w."""
+def _tilt(pose: Mapping[str, float]) -> Tilt:
+    """Return the curve that a pose's tilt leaves."""
     (rise, cb), (sg, cg) = (elementary.sin_cos(pose[name]) for name in ("beta", "gamma"))
     m, level = cb * sg, cb * cg
     mu = math.hypot(rise, level) + TINY
-    return m, mu, rise / mu, level / mu
+    return Tilt(m, mu, rise / mu, level / mu)
 
 
-def _q(u: float, curve: tuple[float, float, float, float]) -> Vector:
-    sphi, cphi, sk, ck, spsi, cpsi = uup_turn(u, *curve)
-    return elementary.each(elementary.atan2, [sphi, sk, spsi], [cphi, ck, cpsi])
+def _q(turn: Turn) -> Vector:
+    return elementary.each(
+        elementary.atan2, [turn.sphi, turn.sk, turn.spsi], [turn.cphi, turn.ck, turn.cpsi]
+    )
 
 
 def _nearest(
     parameters: Parameters, pose: Mapping[str, float], mode: str
 ) -> tuple[Vector, float, float, float]:
     """Return q where P_x is nearest to x as the kernel finds it, the miss, the slope and s."""
-    a, c, l2, _, r, big_r, s, up, far = _geometry(parameters, mode)
+    geometry = _geometry(parameters, mode)
     with np.errstate(over="ignore", invalid="ignore"):  # far off: told by the miss
-        miss, slope, _, sphi, cphi, sk, ck, spsi, cpsi = uup_pose(
-            pose["x"], pose["beta"], pose["gamma"], (a, c, l2, r, big_r, s, up, far)
-        )
-    q = elementary.each(elementary.atan2, [sphi, sk, spsi], [cphi, ck, cpsi])
-    return q, miss, slope, s
+        found = uup_pose(pose["x"], pose["beta"], pose["gamma"], geometry)
+    return _q(found.turn), found.miss, found.slope, geometry.s
 
 
 def _root(parameters: Parameters, pose: Mapping[str, float], mode: str) -> Configuration | None:
     """Return the mode's root of P_x = x, if there is one; see :func:`uup_main`."""
     a, c, l2, length, r, big_r, s, up, far_cos = _geometry(parameters, mode)
-    curve = _curve(pose)
-    far = uup_far(curve[0], curve[1], far_cos)
-    u, there = uup_main(pose["x"] + r / 2, curve, far, (a, c, l2, big_r / 2, s), up, length)
-    at = configuration(parameters, _q(u, curve), s)
-    return at if there and at.bar[0] >= 0.0 else None
+    tilt = _tilt(pose)
+    far = uup_far(tilt.m, tilt.mu, far_cos)
+    u, there = uup_main(pose["x"] + r / 2, tilt, far, Sizes(a, c, l2, big_r / 2, s), up, length)
+    at = configuration(parameters, _q(uup_turn(u, tilt)), s)
+    return at if there and at.bar.excess >= 0.0 else None
 
 
 def _matching(
@@ -1436,7 +1591,7 @@ def _matching(
     P2 lies on: of two crossings the one that fits the pose, of two ways the one that errs less.
     """
     a, c, length, _, _ = _lengths(parameters)
-    m, _, sw, cw = _curve(pose)
+    m, _, sw, cw = _tilt(pose)
     phi, d3 = joints["phi"], joints["delta3"]
     sphi, cphi = elementary.sin(phi), elementary.cos(phi)
     p3 = np.array([-a + length * elementary.sin(d3), length * elementary.cos(d3)])

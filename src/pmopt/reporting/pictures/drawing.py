@@ -118,7 +118,7 @@ def _scene(
 ) -> _Scene:
     constants = mechanism.kernel_constants(parameters, mode, 1.0, {})
     with np.errstate(over="ignore", invalid="ignore"):  # as in compiled code
-        flat = np.array(mechanism.skeleton(*pose.values(), tuple(constants)))
+        flat = np.array(mechanism.skeleton(*pose.values(), constants))
     first = 12
     segments = flat[first : first + 6 * len(mechanism.segments)].reshape(-1, 2, 3)
     return _Scene(mode, flat, segments, mechanism.layout(parameters, pose, mode))

@@ -18,7 +18,7 @@ from making.registry import add
 
 #: What is not run, and why; its options are checked where it is a command of ours.
 NOT_RUN = {
-    r"-m venv |pip install|^pytest|^ruff|^mypy": "sets up, or is run by .ci/run",
+    r"-m venv |pip install|-m pytest|^pytest|^ruff|^mypy": "sets up, or is run by .ci/run",
     r"^dask |--scheduler|^export DASK|--merge|--shard": "needs other machines",
     r"mujoco\.viewer": "opens a window",
     r"studies/|my-design\.toml --set|strokes\.gif": "takes files of the reader, or long",
@@ -63,7 +63,7 @@ def printed_commands(page: Page) -> list[Printed]:
     programs = [
         Printed(page.path, page.text.count("\n", 0, fence.start(2)) + 1, fence[2], fence[1])
         for fence in _FENCE.finditer(page.text)
-        if fence[1] == "python"
+        if fence[1] == "python" and not fence[2].startswith(">>>")
     ]
     known = {_bare(text) for _, text in found}
     for span in _SPAN.finditer(prose):

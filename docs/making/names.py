@@ -89,7 +89,7 @@ def constants() -> Iterator[Statement]:
         ("reliability", "the sums so far are written every {} seconds",
          {2.0: "two"}.get(EVERY, f"{EVERY:g}")),
         ("motion", "with `density` (kg/m^3, default {})", f"{STEEL:g}"),
-        ("certificates", "the time budget is over or {} million boxes are open",
+        ("certificates", "a budget is spent or {} million boxes",
          {4: "four"}.get(MAX_OPEN >> 20, str(MAX_OPEN >> 20))),
     ):  # fmt: skip
         yield Says(f"docs/{page}.md", text, tuple(map(str, figures)))

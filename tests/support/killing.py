@@ -13,7 +13,7 @@ WORKSPACE = """
 import sys, types
 from pmopt.cli import entry
 from pmopt.reporting.runs import workspace_checkpoint
-kept.EVERY = 0.0
+workspace_checkpoint.EVERY = 0.0
 sys.modules["pmopt.reporting.runs.run_pictures"] = types.SimpleNamespace(of_workspace=lambda *_: {})
 entry.main()
 """

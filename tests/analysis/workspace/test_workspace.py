@@ -661,8 +661,9 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
         made = recipe(kernel, norm)
         return folder_of(program_text.module_text(made), made.entries)
 
+    (tmp_path / "elsewhere").mkdir()
     base = load_kernel(tmp_path / "one.py")
-    assert digest(load_kernel(tmp_path / "two.py")) == digest(base)
+    assert digest(load_kernel(tmp_path / "elsewhere" / "one.py")) == digest(base)
     other = digest(load_kernel(tmp_path / "three.py", factor=2.0))
     digests = {digest(base), other, digest(base, "fro")}
     monkeypatch.setattr(program_text.condition, "C7", 1.25)
@@ -682,10 +683,11 @@ def test_text_stands_alone():
 
 
 def test_constants_of_one_name_do_not_mix(tmp_path):
-    """A kernel's TINY must not become that of the conditioning."""
-    kernel = load_kernel(tmp_path / "clash.py", tiny=0.5)
-    with pytest.raises(TypeError, match="TINY"):
-        program_text.module_text(recipe(kernel))
+    """A kernel's TINY must not become that of the conditioning, nor the other way round."""
+    text = program_text.module_text(recipe(load_kernel(tmp_path / "clash.py", tiny=0.5)))
+    assert "\nTINY__clash = 0.5\n" in text
+    assert "return FACTOR__clash * value + TINY__clash\n" in text
+    assert re.search(r"^TINY = 1e-", text, re.MULTILINE)
 
 
 def field_of(module, poses, constants):

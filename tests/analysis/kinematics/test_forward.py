@@ -475,6 +475,3 @@ def test_cells_are_plain_numbers(name, tmp_path):
     assert csv_answer("fk", name, "--joints", joints, cwd=tmp_path)
     assert csv_answer("jacobian", name, "--pose", pose, cwd=tmp_path)
     assert csv_answer("info", name, cwd=tmp_path)
-    assert csv_answer("mobility", name, cwd=tmp_path)
-    small = ("--samples", "2000", "--seed", "1")
-    assert csv_answer("workspace", name, *small, cwd=tmp_path)

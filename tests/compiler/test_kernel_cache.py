@@ -163,6 +163,7 @@ EDITS = {
        if "MECHANISM =" in p.read_text(encoding="utf-8")},
     **{f"{CATALOGUE}/{p.name}": ("0.5", "0.75")
        for p in (SOURCE / CATALOGUE).glob("*_forward.py")},
+    f"{CATALOGUE}/pauu_ppap.py": ("0.5 *", "0.25 *"),
     f"{CATALOGUE}/cur.py": ("1.0", "1.5"),
 }  # fmt: skip
 

@@ -292,9 +292,9 @@ def asked_of(samples=4096):
 
 
 def test_blocks_of_demands_change_nothing(monkeypatch):
-    whole = asked_of(16 * 1024)
-    monkeypatch.setattr(actuators, "_PART", 1 << 8)
-    assert asked_of(16 * 1024).to_dict() == whole.to_dict()
+    whole = asked_of(16 * 4096)
+    monkeypatch.setattr(actuators, "_PART", 1 << 10)
+    assert asked_of(16 * 4096).to_dict() == whole.to_dict()
 
 
 def test_counted_demands_are_those_kept():

@@ -20,13 +20,15 @@ import numpy as np
 from pmopt.compiler import records
 from pmopt.compiler.apart import apart, clash, is_ours, keep_name, names_of, renamed
 from pmopt.compiler.machine_code import Compiled, Entry
-from pmopt.kernels import conditioning as condition
-from pmopt.kernels import segment_distance, sweep
+from pmopt.kernels import conditioning, segment_distance, sweep
 from pmopt.kernels.vectors import Vec3
 
-CONDITIONING = {"2": condition.inverse_condition_2, "fro": condition.inverse_condition_fro}
-CAREFUL = {"2": condition.careful_condition_2, "fro": condition.careful_condition_fro}
-BLOCK_CONDITIONING = {"2": condition.inverse_conditions_2, "fro": condition.inverse_conditions_fro}
+CONDITIONING = {"2": conditioning.inverse_condition_2, "fro": conditioning.inverse_condition_fro}
+CAREFUL = {"2": conditioning.careful_condition_2, "fro": conditioning.careful_condition_fro}
+BLOCK_CONDITIONING = {
+    "2": conditioning.inverse_conditions_2,
+    "fro": conditioning.inverse_conditions_fro,
+}
 #: What precedes the segments in a skeleton: position and rotation of the platform.
 PLACE = 12
 #: Begins every module.
@@ -219,7 +221,7 @@ def _source(function: Callable[..., Any]) -> str:
 def module_text(recipe: Recipe) -> str:
     """Return the source text of the specialised module."""
     kernel, order = recipe.kernel, recipe.order
-    conditioning = (CONDITIONING if order == 3 else BLOCK_CONDITIONING)[recipe.norm]
+    of_matrix = (CONDITIONING if order == 3 else BLOCK_CONDITIONING)[recipe.norm]
     blocks: dict[str, str] = {}
     records.declare(recipe.constants, blocks)
     blocks["ORDER"] = f"ORDER = {order}"
@@ -235,7 +237,7 @@ def module_text(recipe: Recipe) -> str:
     if recipe.line is not None:
         collect(recipe.line, blocks)
     own_length = sum(map(len, blocks.values()))
-    collect(conditioning, blocks)
+    collect(of_matrix, blocks)
     if order == 3:
         collect(CAREFUL[recipe.norm], blocks)
     collect(segment_distance.segment_distance2, blocks)
@@ -265,9 +267,7 @@ def module_text(recipe: Recipe) -> str:
     define("margin_of", point, f"{evaluated}{margin}    return margin\n")
     if order == 3:
         stored = [f"work[{e}, i]" for e in range(9)]
-        closed = (
-            f"    lci[i] = {conditioning.__name__}({', '.join(stored if heavy else entries)})\n"
-        )
+        closed = f"    lci[i] = {of_matrix.__name__}({', '.join(stored if heavy else entries)})\n"
         careful = f"{CAREFUL[recipe.norm].__name__}({', '.join(stored if heavy else entries)})"
         if heavy:
             define("careful_index", "work, i", f"    return {careful}\n", PLAIN)
@@ -298,7 +298,7 @@ def module_text(recipe: Recipe) -> str:
         define("index_block", f"{block}, work, lci",
                f"{whole}{moved}"
                + textwrap.indent(f"{near}{kept}", "    ")
-               + f"    {conditioning.__name__}(work, filled, lci)\n")  # fmt: skip
+               + f"    {of_matrix.__name__}(work, filled, lci)\n")  # fmt: skip
     define("place_on_line", "pose, i, low, width, constants",
            _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
     skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"

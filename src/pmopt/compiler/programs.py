@@ -23,9 +23,6 @@ from pmopt.kernels import (
     trigonometry,
 )
 
-#: Of text that is not vectorised: not inlined by force, which would take twice as long to compile.
-_CALLED = PLAIN
-
 
 def _numbers(module: Any, names: Iterable[str]) -> list[str]:
     return [f"{name} = {getattr(module, name)!r}" for name in names]
@@ -102,9 +99,9 @@ def assembling(assembler: Assembler) -> Compiled:
         "float64[:,:]", "float64[:]", "float64[:,:,:]", "int64[:,:]", "float64[:]",
     ))  # fmt: skip
     blocks: dict[str, str] = {}
-    collect(assembler.assemble, blocks, (), _CALLED)
+    collect(assembler.assemble, blocks, (), PLAIN)
     blocks["assemble_one"] = f"assemble_one = {assembler.assemble.__name__}"
-    collect(assembly.assemble_all, blocks, ("assemble_one",), _CALLED)
+    collect(assembly.assemble_all, blocks, ("assemble_one",), PLAIN)
     return Compiled(PREFACE + "\n\n".join(blocks.values()), (entry,))
 
 
@@ -123,15 +120,15 @@ class Moving(NamedTuple):
 @functools.cache
 def _moving(recipe: Moving) -> Compiled:
     blocks: dict[str, str] = {}
-    collect(recipe.posture, blocks, (), _CALLED)
+    collect(recipe.posture, blocks, (), PLAIN)
     pose = ", ".join(f"poses[t, {k}]" for k in range(recipe.pose_size))
     records.declare(recipe.constants, blocks)
     constants = records.call(recipe.constants, (f"constants[{k}]" for k in itertools.count()))
     lines = [f"s = {recipe.posture.__name__}({pose}, {constants})"]
     lines += [f"out[{k}] = s[{k}]" for k in range(recipe.stance_size)]
     body = "".join(f"    {line}\n" for line in lines)
-    blocks["posture_to"] = f"{_CALLED}\ndef posture_to(poses, t, constants, out):\n{body}"
-    collect(inverse_dynamics.move, blocks, (), _CALLED)
+    blocks["posture_to"] = f"{PLAIN}\ndef posture_to(poses, t, constants, out):\n{body}"
+    collect(inverse_dynamics.move, blocks, (), PLAIN)
     made: list[str] = []
     names: list[str] = []
     types: list[str] = []
@@ -142,7 +139,7 @@ def _moving(recipe: Moving) -> Compiled:
         made.append(records.call(record, record._fields))
     # An entry takes arrays and numbers.
     body = f"    move({', '.join(made)})\n"
-    blocks["move_all"] = f"{_CALLED}\ndef move_all({', '.join(names)}):\n{body}"
+    blocks["move_all"] = f"{PLAIN}\ndef move_all({', '.join(names)}):\n{body}"
     entry = Entry("move_all", tuple(types))
     return Compiled(PREFACE + "\n\n".join(blocks.values()), (entry,))
 

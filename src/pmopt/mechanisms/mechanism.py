@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.compiler.records import size
+from pmopt.compiler.records import Constants, size
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.fields import Units
 from pmopt.inputs.quantities import QuantityError, as_quantity, in_degrees
@@ -355,6 +355,11 @@ class Mechanism(ABC):
         super().__init_subclass__(**given)
         if cls.constants is not None:
             cls.constant_count = size(cls.constants)
+
+    @property
+    def form_of_constants(self) -> Constants:
+        """What the kernel's constants are: the class of a record, or how many plain numbers."""
+        return self.constants or self.constant_count
 
     # -- declared geometry -------------------------------------------------------------
 

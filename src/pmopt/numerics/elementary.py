@@ -184,37 +184,6 @@ def log(x: float) -> float:
     return k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
 
 
-def sinh(x: float) -> float:
-    """Return the hyperbolic sine."""
-    if abs(x) > 1.0:
-        e = exp(abs(x))
-        return math.copysign(0.5 * (e - 1.0 / e), x)
-    z, total = x * x, 1.0
-    for n in range(20, 0, -2):
-        total = 1.0 + total * z / (n * (n + 1))
-    return x * total
-
-
-def cosh(x: float) -> float:
-    """Return the hyperbolic cosine."""
-    e = exp(abs(x))
-    return 0.5 * (e + 1.0 / e)
-
-
-def asinh(x: float) -> float:
-    """Return the inverse of the hyperbolic sine."""
-    size = abs(x)
-    more = size + size * size / (1.0 + math.sqrt(size * size + 1.0))
-    u = 1.0 + more
-    found = log(u) - ((u - 1.0) - more) / u  # log(1 + more)
-    return math.copysign(found, x)
-
-
-def atanh(x: float) -> float:
-    """Return the inverse of the hyperbolic tangent, of numbers in (-1, 1)."""
-    return asinh(x / math.sqrt((1.0 - x) * (1.0 + x)))
-
-
 def power(x: float, exponent: float) -> float:
     """Return x to a power; x > 0 where the exponent is not whole."""
     if float(exponent).is_integer() and abs(exponent) <= _WHOLE:

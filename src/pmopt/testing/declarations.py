@@ -430,7 +430,7 @@ def check_text(found: Examination, mechanism: Mechanism) -> None:
             mechanism.kernel,
             mechanism.skeleton,
             len(mechanism.pose),
-            mechanism.constants or mechanism.constant_count,
+            mechanism.form_of_constants,
             len(mechanism.joints),
             "2",
             mechanism.segments,

@@ -666,7 +666,7 @@ def test_edits_anywhere_change_the_folder(tmp_path, monkeypatch):
     assert digest(load_kernel(tmp_path / "elsewhere" / "one.py")) == digest(base)
     other = digest(load_kernel(tmp_path / "three.py", factor=2.0))
     digests = {digest(base), other, digest(base, "fro")}
-    monkeypatch.setattr(program_text.condition, "C7", 1.25)
+    monkeypatch.setattr(program_text.conditioning, "C7", 1.25)
     digests.add(digest(base))
     monkeypatch.setattr(program_text.sweep, "TWO_POW_M52", 0.5)
     digests.add(digest(base))

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
+from support.exponentials import moved, screws, turn
 from support.poses import random_poses, reachable, ready
 
 from pmopt.mechanisms import find
@@ -40,13 +41,6 @@ def posed(*values):
 poses = st.builds(posed, angles, angles, angles, st.floats(45, 90))
 
 # --- the geometry a second time -----------------------------------------------------------
-
-
-def turn(axis, angle):
-    """Return Rodrigues' rotation."""
-    x, y, z = axis
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
 
 
 def rotation_of(pose):
@@ -319,26 +313,6 @@ def test_kernel_entries_are_the_homogenised_inverse_jacobian(params, pose, lengt
     j_x, j_q = SP.velocity_maps(params, pose, SP.inverse(params, pose)[0].joints)
     inverse = np.linalg.solve(j_q, j_x) / [length, length, length, 1.0]
     np.testing.assert_allclose(np.reshape(entries, (4, 4)), inverse, rtol=0, atol=1e-11 * 90)
-
-
-def screws(joint):
-    """Return the elementary freedoms of a joint: (is a turn, axis)."""
-    if joint.kind == "P":
-        return [(False, joint.axes[0])]
-    return [(True, axis) for axis in (joint.axes if joint.kind != "S" else np.eye(3))]
-
-
-def moved(chain, values):
-    """Return where a product of exponentials takes the platform: rotation and shift of points."""
-    rotation, shift = np.eye(3), np.zeros(3)
-    steps = iter(values)
-    for joint in chain.joints:
-        for is_turn, axis in screws(joint):
-            value = next(steps)
-            r = turn(axis, value) if is_turn else np.eye(3)
-            d = joint.point - r @ joint.point if is_turn else value * axis
-            rotation, shift = rotation @ r, rotation @ d + shift
-    return rotation, shift
 
 
 @pytest.mark.parametrize("params", DESIGNS[:2])

@@ -45,7 +45,7 @@ def _traced(mechanism: Mechanism) -> TracedCurve:
         given.outcome,
         len(mechanism.pose),
         given.coordinate,
-        mechanism.constants or mechanism.constant_count,
+        mechanism.form_of_constants,
     )
 
 

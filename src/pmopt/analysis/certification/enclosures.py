@@ -75,9 +75,7 @@ def enclose(
 
 @cache
 def _traced(mechanism: Mechanism) -> Traced:
-    return trace(
-        mechanism.kernel, len(mechanism.pose), mechanism.constants or mechanism.constant_count
-    )
+    return trace(mechanism.kernel, len(mechanism.pose), mechanism.form_of_constants)
 
 
 @cache
@@ -87,7 +85,7 @@ def traced_implicit(mechanism: Mechanism) -> TracedImplicit:
     assert given is not None
     return trace_implicit(
         given.residuals, given.outcome, len(mechanism.pose), given.unknowns,
-        mechanism.constants or mechanism.constant_count,
+        mechanism.form_of_constants,
     )  # fmt: skip
 
 

@@ -87,7 +87,7 @@ class Sheet(Enclosure):
         self._inner_slacks = graph.tape(
             [slack for slack in self._kept if not graph.inputs_of(slack) & outer]
         )
-        self._values = named(mechanism.constants or mechanism.constant_count, design.constants)
+        self._values = named(mechanism.form_of_constants, design.constants)
         home = mechanism.home(design.parameters)
         self._home = np.array([home[c.name] for c in mechanism.pose])
         # The box is widened to hold home; what this adds is cut off again as if by limits.

@@ -164,7 +164,7 @@ class Mover:
             programs.Moving(
                 posture,
                 len(mechanism.pose),
-                mechanism.constants or mechanism.constant_count,
+                mechanism.form_of_constants,
                 self._stance_size,
             ),
             None

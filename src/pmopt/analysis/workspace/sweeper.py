@@ -220,7 +220,7 @@ class Sweeper:
             mechanism.kernel,
             mechanism.skeleton,
             len(mechanism.pose),
-            mechanism.constants or mechanism.constant_count,
+            mechanism.form_of_constants,
             len(mechanism.joints),
             settings.norm,
             mechanism.segments,

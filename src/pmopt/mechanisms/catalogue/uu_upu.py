@@ -74,7 +74,7 @@ from pmopt.mechanisms.mechanism import (
     Reach,
     Vector,
 )
-from pmopt.numerics import elementary, matrices
+from pmopt.numerics import elementary
 from pmopt.numerics.matrices import determinant, product
 
 TINY = 1e-300
@@ -1529,15 +1529,6 @@ def _arc(limits: tuple[float, float] | None) -> Arc:
 def _about_y(angle: float) -> Matrix:
     s, c = elementary.sin(angle), elementary.cos(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
-def _yaw(rotation: Matrix, beta: float, gamma: float) -> float:
-    """Return alpha of Rot = Rz(alpha) Ry(beta) Rx(gamma), at beta = 90 degrees too."""
-    (sb, cb), (sg, cg) = elementary.sin_cos(beta), elementary.sin_cos(gamma)
-    first, second = np.array([[cb, sb * sg, sb * cg], [0.0, cg, -sg]])
-    x, y = rotation[0], rotation[1]
-    across = matrices.dot(y, first) - matrices.dot(x, second)
-    return elementary.atan2(across, matrices.dot(x, first) + matrices.dot(y, second))
 
 
 def _pose_rates(rate: Rates, rotation: Matrix) -> Matrix:

@@ -14,16 +14,16 @@ def examination_tables(found: Examination) -> list[Table]:
     """Return the comparisons that were made, and what is wrong where something is."""
     checks = Table(
         f"{found.mechanism}: parts held against one another",
-        ("check", "part", "compared", "count", "deviation", "allowed", "held"),
+        ("check", "part", "held", "compared", "count", "deviation", "allowed"),
         tuple(
             (
                 c.name,
                 c.place,
+                "yes" if c.held else "no",
                 c.compared,
                 c.count,
                 c.deviation,
                 c.allowed,
-                "yes" if c.held else "no",
             )
             for c in found.checks
         ),
@@ -31,7 +31,7 @@ def examination_tables(found: Examination) -> list[Table]:
         ("deviation: the largest, as a share of the size of what is compared",),
         "checks",
         prose=("compared",),
-        yielding=("compared", "allowed", "count"),
+        yielding=("compared", "allowed", "count", "deviation"),
     )
     if found.held:
         return [checks]

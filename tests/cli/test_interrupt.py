@@ -3,14 +3,33 @@
 import os
 import signal
 import subprocess
+import sys
+import threading
+import types
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from support.cli_runner import COMMAND, environment
 from support.interrupting import PHASES, interrupted
 
-pytestmark = pytest.mark.slow
+from pmopt.cli import interrupt
+
 SOON = 2.5  # s: a second or two
+
+
+@pytest.mark.parametrize("loaded", [True, False], ids=["loaded", "half imported"])
+def test_threads_may_be_half_imported(monkeypatch, loaded):
+    """A signal between the first and the last line of that module's import is one as any other."""
+    module = types.ModuleType("pmopt.execution.threads")
+    if loaded:
+        module.ending = threading.Event()
+    monkeypatch.setitem(sys.modules, "pmopt.execution.threads", module)
+    try:
+        with pytest.raises(interrupt.Interrupted):
+            interrupt._interrupt(signal.SIGTERM, None)
+    finally:
+        interrupt.disarm()
+    assert not loaded or module.ending.is_set()
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +48,7 @@ def answers(tmp_path_factory):
         return dict(zip(PHASES, pool.map(hit, range(len(PHASES))), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 def test_ends_soon(answers, phase):
     code, output, errors, seconds, folder = answers[phase]

@@ -30,8 +30,10 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     busy = _imp.lock_held()
     signal.setitimer(signal.ITIMER_REAL, _SOON if busy else _AGAIN)
     if not busy:
-        if "pmopt.execution.threads" in sys.modules:  # else there are none
-            sys.modules["pmopt.execution.threads"].ending.set()
+        # No threads before that module is there; it may be half imported.
+        ending = getattr(sys.modules.get("pmopt.execution.threads"), "ending", None)
+        if ending is not None:
+            ending.set()
         raise Interrupted
 
 

@@ -5,7 +5,7 @@ import json
 import pickle
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import matplotlib as mpl
 import pytest
@@ -111,6 +111,16 @@ def test_every_result_over_a_workspace_has_the_same_subject(design):
     for result in results:
         assert (result.mechanism, result.params) == (first.mechanism, first.params)
         assert (result.working_mode, result.box) == (first.working_mode, first.box)
+
+
+def test_results_at_poses_have_a_subject_without_a_domain(design):
+    limits = {"theta1": (-0.5, 1.5)}
+    found = design.jacobian(POSE, "out-out", limits=limits).subject
+    assert (found.mechanism, found.params, found.box) == ("2pauu-ppap", design.parameters, {})
+    assert (found.working_mode, found.limits) == ("out-out", limits)
+    assert design.ik(POSE, limits=limits).subject == replace(found, working_mode="all")
+    joints = {"theta1": 0.4, "theta2": 0.1, "d": 0.2}
+    assert design.fk(joints).subject == replace(found, working_mode="all", limits={})
 
 
 def test_units_stand_beside_a_frame(design):

@@ -9,7 +9,9 @@ import pytest
 from support import five_bar, gough, naive, planar
 from support.poses import box, constants_of, random_poses, reachable, ready
 
-from pmopt.analysis.kinematics.solve import inverse_kinematics, jacobian_at, of_limb
+from pmopt.analysis.kinematics.inverse import inverse_kinematics
+from pmopt.analysis.kinematics.jacobian import jacobian_at
+from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.estimates import from_replicates, of_population
 from pmopt.analysis.workspace.sweeper import BINS, Sweeper

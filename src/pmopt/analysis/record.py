@@ -9,6 +9,8 @@ from dataclasses import dataclass
 class Subject:
     """One design of a mechanism in a working mode, and which of its poses are in question.
 
+    A result at given poses has no domain: ``box`` is empty.
+
     Attributes
     ----------
     mechanism : str
@@ -17,6 +19,7 @@ class Subject:
         All parameters, in ``length_unit``; None where one is not set.
     length_unit : {"m", "mm"}
     working_mode : str
+        ``"all"`` where every one is in question.
     box : dict
         The domain, by pose coordinate: the mechanism's own or what was given.
     limits : dict

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from pmopt.analysis.kinematics.solve import (
-    forward_kinematics,
-    inverse_kinematics,
-    jacobian_at,
-    reached,
-)
+from pmopt.analysis.kinematics.forward import forward_kinematics
+from pmopt.analysis.kinematics.inverse import inverse_kinematics, reached
+from pmopt.analysis.kinematics.jacobian import jacobian_at
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.validation import read_config, validated
 from pmopt.api.keywords import (

@@ -96,8 +96,6 @@ def fk(
 ) -> ForwardResult:
     """Solve the forward kinematics: all assembly modes, or the one nearest to a pose.
 
-    :func:`pmopt.analysis.kinematics.solve.forward_many` solves many sets of joint positions.
-
     Raises
     ------
     pmopt.UnreachableError
@@ -122,7 +120,7 @@ def jacobian(
         See :func:`ik`.
     **options
         ``kind``, ``characteristic_length``, ``norm``, ``limits``: see
-        :func:`pmopt.analysis.kinematics.solve.jacobian_at`.
+        :func:`pmopt.analysis.kinematics.jacobian.jacobian_at`.
     """
     return Design.of(mechanism, params).jacobian(pose, working_mode, **options)
 
@@ -238,7 +236,8 @@ def warmup(
     dict
         By mechanism, the number of kernels that were missing.
     """
-    from pmopt.analysis.kinematics.solve import Assembling, Inverting
+    from pmopt.analysis.kinematics.forward import Assembling
+    from pmopt.analysis.kinematics.inverse import Inverting
     from pmopt.analysis.motion.dynamics import Mover
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.workspace.sweeper import Sweeper

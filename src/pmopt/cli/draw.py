@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pmopt.analysis.kinematics.solve import inverse_kinematics, reached
+from pmopt.analysis.kinematics.inverse import inverse_kinematics, reached
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError

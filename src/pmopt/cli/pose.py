@@ -10,9 +10,15 @@ from typing import Any
 import click
 import numpy as np
 
-from pmopt.analysis.kinematics import solve as kinematics
+from pmopt.analysis.kinematics.forward import Assembling, ForwardResult
+from pmopt.analysis.kinematics.inverse import (
+    InverseResult,
+    Inverting,
+    OutOfReach,
+    inverse_kinematics,
+)
+from pmopt.analysis.kinematics.jacobian import Index, JacobianResult, Jacobians
 from pmopt.analysis.kinematics.pose_rows import Rows, read_rows
-from pmopt.analysis.kinematics.solve import ForwardResult, InverseResult, JacobianResult, OutOfReach
 from pmopt.cli import options
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
@@ -125,15 +131,14 @@ def ik_command(
     if working_mode != "all":
         mechanism.check_mode(working_mode, "--working-mode")
     if poses is None:
-        result = kinematics.inverse_kinematics(
-            mechanism, given, options.split_pairs(pose, "--pose"), working_mode, ranges, "--pose"
-        )
+        values = options.split_pairs(pose, "--pose")
+        result = inverse_kinematics(mechanism, given, values, working_mode, ranges, "--pose")
         emit(form, result.to_dict(), [tables.inverse_table([result])])
         if result.out_of_reach is not None:
             raise UnreachableError(result.out_of_reach)
         return
     rows = _read(poses, "--poses", mechanism, mechanism.pose, quiet)
-    solver = kinematics.Inverting(mechanism, given, working_mode, ranges)
+    solver = Inverting(mechanism, given, working_mode, ranges)
     solver.say(notifier(quiet))
     misses = _Misses()
 
@@ -141,9 +146,9 @@ def ik_command(
         for part, places in _blocks(rows, "--poses", poses, misses):
             results = []
             for one in solver.at(part, places):
-                if isinstance(one, kinematics.OutOfReach):
+                if isinstance(one, OutOfReach):
                     misses.take(one.error)
-                    one = kinematics.no_inverse(mechanism, one.pose)
+                    one = solver.nothing(one.pose)
                 elif one.out_of_reach is not None:
                     misses.take(partial(str, one.out_of_reach))
                 results.append(one)
@@ -189,12 +194,13 @@ def fk_command(
     _one_of(joints, joints_file, "--joints, --joints-file")
     _check_out(out, force, "--joints-file", joints_file)
     goal = options.split_pairs(near, "--near") if near else None
-    kinematics.Assembling(mechanism).say(notifier(quiet))
-    given = options.design_parameters(mechanism, params)
+    solver = Assembling(mechanism, options.design_parameters(mechanism, params), goal)
+    solver.say(notifier(quiet))
 
     if joints_file is None:
-        values = options.split_pairs(joints, "--joints")
-        result = kinematics.forward_kinematics(mechanism, given, values, "--joints", goal)
+        (result,) = solver.at([options.split_pairs(joints, "--joints")], ["--joints"])
+        if isinstance(result, UnreachableError):
+            raise result
         emit(form, result.to_dict(), [tables.forward_table([result])])
         return
     rows = _read(joints_file, "--joints-file", mechanism, mechanism.joints, quiet)
@@ -203,12 +209,10 @@ def fk_command(
     def solved() -> Iterator[list[ForwardResult]]:
         for part, places in _blocks(rows, "--joints-file", joints_file, misses):
             results = []
-            found = kinematics.forward_many(mechanism, given, part, places, goal)
-            for row, one in zip(part, found, strict=True):
+            for row, one in zip(part, solver.at(part, places), strict=True):
                 if isinstance(one, UnreachableError):
                     misses.take(partial(str, one))
-                    checked = mechanism.check_coordinates(row, mechanism.joints, "--joints-file")
-                    one = kinematics.no_forward(mechanism, checked)
+                    one = solver.nothing(row, "--joints-file")
                 results.append(one)
             yield results
 
@@ -250,16 +254,16 @@ def jacobian_command(
     """
     _one_of(pose, poses, "--pose, --poses")
     _check_out(out, force, "--poses", poses)
-    asked = kinematics.Jacobians(
+    asked = Jacobians(
         mechanism,
         options.design_parameters(mechanism, params),
         mechanism.check_mode(working_mode, "--working-mode"),
-        kinematics.Index(kind, characteristic_length, norm),
+        Index(kind, characteristic_length, norm),
         options.parse_ranges(limits, "--limits", mechanism),
     )
     if poses is None:
         (result,) = asked.at([options.split_pairs(pose, "--pose")], ["--pose"])
-        if isinstance(result, kinematics.OutOfReach):
+        if isinstance(result, OutOfReach):
             raise result.error()
         emit(
             form, result.to_dict(), tables.jacobian_tables(result), [tables.jacobian_data(result)]
@@ -273,7 +277,7 @@ def jacobian_command(
         for part, places in _blocks(rows, "--poses", poses, misses):
             results = asked.at(part, places)
             for one in results:
-                if isinstance(one, kinematics.OutOfReach):
+                if isinstance(one, OutOfReach):
                     misses.take(one.error)
             yield results
 

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from pmopt.analysis.kinematics.solve import of_limb
+from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.mobility import screws
 from pmopt.compiler.program_text import PLACE
 from pmopt.mechanisms.mechanism import PLATFORM, Chain, Joint, Matrix, Vector

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from pmopt.analysis.kinematics.solve import of_limb
+from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.mechanisms.assembling import assemble_plainly
 from pmopt.mechanisms.mechanism import InverseSolution, Matrix, Mechanism, Ranges, within
 from pmopt.testing.findings import Comparison, Examination

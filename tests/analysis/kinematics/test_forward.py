@@ -12,12 +12,8 @@ from hypothesis import strategies as st
 from support.cli_runner import COMMAND, csv_answer, environment, error_line, here, json_answer
 
 from pmopt import api
-from pmopt.analysis.kinematics.solve import (
-    forward_kinematics,
-    forward_many,
-    homogenize,
-    inverse_condition,
-)
+from pmopt.analysis.kinematics.conditioning import homogenize, inverse_condition
+from pmopt.analysis.kinematics.forward import Assembling, forward_kinematics
 from pmopt.errors import InputError, UnreachableError
 from pmopt.kernels import octics
 from pmopt.mechanisms import find, names
@@ -194,10 +190,11 @@ def test_many_at_once_give_the_bytes_of_each_alone(name, monkeypatch):
         found = mechanism.inverse(params, some_pose(mechanism, params, rng))
         rows += [s.joints for s in found]
     places = [str(k) for k in range(len(rows))]
+    solver = Assembling(mechanism, params)
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
-    one = forward_many(mechanism, params, rows, places)
+    one = solver.at(rows, places)
     monkeypatch.setenv("NUMBA_NUM_THREADS", "3")
-    assert forward_many(mechanism, params, rows, places) == one
+    assert solver.at(rows, places) == one
     for k in range(0, 300, 37):
         assert repr(forward_kinematics(mechanism, params, rows[k])) == repr(one[k])
 
@@ -252,7 +249,7 @@ def test_joint_positions_that_leave_the_platform_free():
 @pytest.mark.parametrize("name", ["3-ups-sp", "4-ups-rps"])
 def test_a_negative_length_does_not_assemble(name):
     joints = api.ik(name, find(name).home(find(name).resolve({}))).solutions[0].joints
-    with pytest.raises(UnreachableError, match="can not be assembled"):
+    with pytest.raises(UnreachableError, match="cannot be assembled"):
         api.fk(name, {**joints, "l2": -joints["l2"]})
 
 

@@ -12,15 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.cli_runner import COMMAND, environment, error_line, here, pmopt
 
+from pmopt.analysis.kinematics.inverse import Inverting, OutOfReach, inverse_kinematics
+from pmopt.analysis.kinematics.jacobian import Index, Jacobians, jacobian_at
 from pmopt.analysis.kinematics.pose_rows import read_rows
-from pmopt.analysis.kinematics.solve import (
-    Index,
-    Inverting,
-    Jacobians,
-    OutOfReach,
-    inverse_kinematics,
-    jacobian_at,
-)
 from pmopt.analysis.sizing import actuators
 from pmopt.errors import InputError, UnreachableError
 from pmopt.inputs import tables, text

@@ -12,7 +12,9 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from support import naive
 
-from pmopt.analysis.kinematics.solve import forward_kinematics, inverse_kinematics, jacobian_at
+from pmopt.analysis.kinematics.forward import forward_kinematics
+from pmopt.analysis.kinematics.inverse import inverse_kinematics
+from pmopt.analysis.kinematics.jacobian import jacobian_at
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.mechanism import within, wrap_angle

@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.kinematics.solve import forward_kinematics, of_limb
+from pmopt.analysis.kinematics.forward import forward_kinematics
+from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.motion.continuity import (
     angle_columns,
     beyond_limits,

@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pmopt.analysis.kinematics.solve import inverse_kinematics, reached
+from pmopt.analysis.kinematics.inverse import inverse_kinematics, reached
 from pmopt.analysis.mobility.screws import rank
 from pmopt.analysis.motion.dynamics import GRAVITY
 from pmopt.errors import InputError

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from pmopt.analysis.kinematics.conditioning import homogenize
 from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
-from pmopt.analysis.kinematics.solve import homogenize, of_limb
+from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import WorkspaceSettings, split_samples

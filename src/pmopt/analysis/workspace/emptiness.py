@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.kinematics.determinants import branch_at
-from pmopt.analysis.kinematics.solve import of_limb
+from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.aspects import make_sweeper
 from pmopt.analysis.workspace.sweeper import TOOL, Design, Sweeper

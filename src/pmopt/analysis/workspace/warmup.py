@@ -10,7 +10,8 @@ from pmopt.compiler import programs
 from pmopt.compiler.machine_code import compile_ahead
 
 if TYPE_CHECKING:  # a workspace does without
-    from pmopt.analysis.kinematics.solve import Assembling, Inverting
+    from pmopt.analysis.kinematics.forward import Assembling
+    from pmopt.analysis.kinematics.inverse import Inverting
     from pmopt.analysis.motion.dynamics import Mover
 
 

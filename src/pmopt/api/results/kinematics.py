@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from pmopt.analysis.kinematics import solve
+from pmopt.analysis.kinematics import forward, inverse, jacobian
 from pmopt.analysis.mobility import freedom
 from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of, place_text
@@ -35,7 +35,7 @@ def _number(solution: int, count: int) -> int:
     return solution
 
 
-class InverseResult(Showing, solve.InverseResult):
+class InverseResult(Showing, inverse.InverseResult):
     """All asked-for branches of the inverse kinematics at a pose."""
 
     _design: Design
@@ -59,7 +59,7 @@ class InverseResult(Showing, solve.InverseResult):
         return draw_at(self._design, self.pose, found.working_mode)
 
 
-class ForwardResult(Showing, solve.ForwardResult):
+class ForwardResult(Showing, forward.ForwardResult):
     """The assembly modes for a set of joint positions, or the one nearest to a pose."""
 
     _design: Design
@@ -93,7 +93,7 @@ class ForwardResult(Showing, solve.ForwardResult):
         return draw_at(self._design, pose, mode)
 
 
-class JacobianResult(Showing, solve.JacobianResult):
+class JacobianResult(Showing, jacobian.JacobianResult):
     """Velocity maps and conditioning at a pose in one working mode."""
 
     _design: Design

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pmopt.analysis.kinematics.solve import OutOfReach
+from pmopt.analysis.kinematics.inverse import OutOfReach
 from pmopt.mechanisms.mechanism import PLATFORM
 from pmopt.reporting.tables.table import (
     Cell,
@@ -22,12 +22,9 @@ from pmopt.reporting.tables.table import (
 from pmopt.units import ONE, span_text
 
 if TYPE_CHECKING:
-    from pmopt.analysis.kinematics.solve import (
-        ForwardResult,
-        InverseResult,
-        JacobianResult,
-        Jacobians,
-    )
+    from pmopt.analysis.kinematics.forward import ForwardResult
+    from pmopt.analysis.kinematics.inverse import InverseResult
+    from pmopt.analysis.kinematics.jacobian import JacobianResult, Jacobians
     from pmopt.analysis.workspace.compute import WorkspaceResult
     from pmopt.analysis.workspace.extremes import Extreme
     from pmopt.analysis.workspace.shape import Topology

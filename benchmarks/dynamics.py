@@ -18,9 +18,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from pmopt.analysis.motion.compute import compute_motion
 from pmopt.analysis.motion.config import load_motion
 from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.motion.motion import Loads, compute_motion
 from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.analysis.multibody.mjcf import to_mjcf
 from pmopt.analysis.multibody.mujoco_engine import Engine
@@ -39,8 +39,8 @@ def compare(name: str, instants: int, pairs: int) -> None:
     bare = task.config.model_copy(update={"controller": None})
     planned = plan_trajectory(task).trajectory
     motion = compute_motion(
-        task.mechanism, task.parameters, planned, bodies=task.bodies, payload=task.payload,
-        gravity=task.config.gravity,
+        task.mechanism, task.parameters, planned,
+        loads=Loads(task.bodies, task.payload, task.config.gravity),
     )  # fmt: skip
     simulation = simulate_motion(replace(task, config=bare), motion)
     error = float(np.abs(simulation.inverse.error).max())

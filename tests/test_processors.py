@@ -121,8 +121,9 @@ COMPUTING = [
 #: Motions, engines, mobility and recordings agree to rounding; derivatives are theirs.
 ELSEWHERE = (
     "analysis/mobility/*", "analysis/multibody/*",
-    "analysis/motion/compute.py", "analysis/motion/config.py", "analysis/motion/recordings.py",
-    "analysis/motion/trajectories.py", "analysis/motion/waypoint_laws.py",
+    *(f"analysis/motion/{name}.py" for name in (
+        "config", "joint_space", "recordings", "singularities", "trajectories", "waypoint_laws",
+    )),
     "analysis/singularities/touching.py", "numerics/derivatives.py",
 )  # fmt: skip
 LIBRARY = re.compile(

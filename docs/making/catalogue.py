@@ -13,7 +13,7 @@ from making.figures import Figure, rounded, sampled
 from making.pages import Finding, Says, Statement, table
 from making.registry import maker
 from making.words import mobility, numbers, parameters, percent, shape, trimmed, word
-from pmopt.analysis.motion.compute import Motion
+from pmopt.analysis.motion.records import Motion
 from pmopt.analysis.singularities.families import Family
 from pmopt.analysis.singularities.survey import SingularityResult
 from pmopt.analysis.workspace.compute import WorkspaceResult

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmopt.analysis.motion.compute import compute_motion
 from pmopt.analysis.motion.config import resolve_motion
 from pmopt.analysis.motion.continuity import continuous, in_limits
+from pmopt.analysis.motion.motion import Loads, compute_motion
 from pmopt.analysis.motion.summary import columns
 from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.mechanisms import find
@@ -151,7 +151,7 @@ def test_full_turns_of_a_platform(step):
     }  # fmt: skip
     task = resolve_motion(config, "c", Path())
     motion = compute_motion(task.mechanism, task.parameters, plan_trajectory(task).trajectory,
-                            efforts=False)  # fmt: skip
+                            loads=Loads(efforts=False))  # fmt: skip
     for course in (motion.joints, motion.passive, motion.parasitic):
         for k, coordinate in enumerate(course.coordinates):
             if coordinate.kind != "angle" or not np.isfinite(course.values[:, k]).all():

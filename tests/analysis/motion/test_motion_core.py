@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.courses import MOVED, course
 
-from pmopt.analysis.motion.compute import Trajectory, compute_motion
+from pmopt.analysis.motion.motion import Loads, compute_motion
+from pmopt.analysis.motion.records import Trajectory
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.bodies import plate
@@ -118,11 +119,11 @@ def test_payload_and_gravity_change_efforts_and_no_bodies_means_none():
     trajectory = Trajectory("task", T, *course("3-cur", T))
     plain = compute_motion(mechanism, None, trajectory)
     load = plate((0.1, 0.1, 0.1), 1.0)
-    loaded = compute_motion(mechanism, None, trajectory, payload=load)
+    loaded = compute_motion(mechanism, None, trajectory, loads=Loads(payload=load))
     assert (loaded.effort.sum(axis=1) > plain.effort.sum(axis=1) + 5 * load.mass).all()
-    floating = compute_motion(mechanism, None, trajectory, gravity=(0, 0, 0))
+    floating = compute_motion(mechanism, None, trajectory, loads=Loads(gravity=(0, 0, 0)))
     np.testing.assert_allclose(floating.potential, 0)
-    bare = compute_motion(mechanism, None, trajectory, bodies=())
+    bare = compute_motion(mechanism, None, trajectory, loads=Loads(bodies=()))
     assert bare.effort is None
     assert bare.power is None
     assert bare.centres == {}
@@ -132,7 +133,10 @@ def test_a_body_on_a_joint_that_is_not_there_is_refused():
     body = plate((0.1, 0.1, 0.1), 1.0).body("extra", limb=0, joint=7)
     with pytest.raises(InputError, match="'extra': 3-cur has no joint 7 in limb 0"):
         compute_motion(
-            find("3-cur"), None, Trajectory("task", T, *course("3-cur", T)), bodies=(body,)
+            find("3-cur"),
+            None,
+            Trajectory("task", T, *course("3-cur", T)),
+            loads=Loads(bodies=(body,)),
         )
 
 
@@ -144,7 +148,8 @@ def test_gimbal_lock_is_told_apart_from_a_singularity():
     trajectory = Trajectory("task", T, values, rates, np.zeros_like(values))
     wide = {f"l{k}": (1.0, 1000.0) for k in range(1, 5)}
     for efforts in (True, False):
-        motion = compute_motion(find("3-ups-sp"), None, trajectory, limits=wide, efforts=efforts)
+        loads = Loads(efforts=efforts)
+        motion = compute_motion(find("3-ups-sp"), None, trajectory, limits=wide, loads=loads)
         lock = [span for span in motion.infeasible if span.what == "coordinates"]
         assert [(span.first, span.last) for span in lock] == [(40, 40)]
         assert np.isnan(motion.joints.values[40]).all()

@@ -12,9 +12,9 @@ import pytest
 from support.cli_runner import CONFIGS, csv_rows, error_line, here, pmopt, strict_json
 
 from pmopt import ik, mjcf
-from pmopt.analysis.motion.compute import compute_motion
 from pmopt.analysis.motion.config import resolve_motion
 from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.motion.motion import Loads, compute_motion
 from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.analysis.multibody.mjcf import to_mjcf
 from pmopt.analysis.multibody.model import BASE, build_tree, link_frames
@@ -65,8 +65,8 @@ def moved(task, step=None):
         task = replace(task, config=task.config.model_copy(update={"trajectory": settings}))
     motion = compute_motion(
         task.mechanism, task.parameters, plan_trajectory(task).trajectory,
-        working_mode=task.config.working_mode, bodies=task.bodies, payload=task.payload,
-        gravity=task.config.gravity,
+        working_mode=task.config.working_mode,
+        loads=Loads(task.bodies, task.payload, task.config.gravity),
         limits={c.name: (-1e4, 1e4) if c.kind == "length" else (-math.pi, math.pi)
                 for c in task.mechanism.limited},
     )  # fmt: skip

@@ -27,8 +27,8 @@ from support.cli_runner import (
 )
 
 import pmopt as package
-from pmopt.analysis.motion.compute import Course, Motion
 from pmopt.analysis.motion.config import resolve_motion
+from pmopt.analysis.motion.records import Course, Motion
 from pmopt.analysis.motion.summary import broken_limits, columns, demands, rms
 from pmopt.analysis.motion.trajectories import plan_trajectory
 from pmopt.mechanisms import find

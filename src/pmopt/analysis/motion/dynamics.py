@@ -149,7 +149,8 @@ class Mover:
         posture = mechanism.posture
         if posture is None:
             raise InputError(f"{mechanism.name} declares no posture: it can not be moved")
-        self.mechanism = mechanism
+        self.mechanism, self.parameters = mechanism, parameters
+        self.working_mode = working_mode
         self.threads = threads or default_threads()
         self.unit = METRES[mechanism.length_unit]
         self.bodies = tuple(bodies)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pmopt.analysis.motion.compute import Motion, Span, stretches
 from pmopt.analysis.motion.config import ACCELERATION, EFFORT, POWER, RATE
+from pmopt.analysis.motion.records import Motion, Span, stretches
 from pmopt.mechanisms.mechanism import Mechanism, Ranges, Vector
 from pmopt.units import ANGLE, JOULE, WATT, effort_unit, exact, per_second
 

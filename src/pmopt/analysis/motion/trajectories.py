@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.kinematics.pose_rows import TIME
 from pmopt.analysis.motion import formulas, recordings, waypoint_laws
-from pmopt.analysis.motion.compute import Trajectory
 from pmopt.analysis.motion.config import MAX_INSTANTS, MotionTask
 from pmopt.analysis.motion.recordings import Residual
+from pmopt.analysis.motion.records import Trajectory
 from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms.mechanism import LARGEST_COORDINATE, Vector, as_number
 from pmopt.numerics.derivatives import Jet

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.motion.compute import Course, Motion
 from pmopt.analysis.motion.config import EFFORT, EngineSettings, MotionTask
 from pmopt.analysis.motion.continuity import angle_columns
 from pmopt.analysis.motion.dynamics import GRAVITY
+from pmopt.analysis.motion.records import Course, Motion
 from pmopt.analysis.multibody.mjcf import to_mjcf
 from pmopt.analysis.multibody.model import Tree, build_tree
 from pmopt.analysis.multibody.mujoco_engine import Engine

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.motion.compute import Motion
+from pmopt.analysis.motion.records import Motion
 from pmopt.errors import InputError, PmoptError
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting.pictures.drawing import draw_frames

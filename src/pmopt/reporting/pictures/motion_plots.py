@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.motion.compute import Motion
 from pmopt.analysis.motion.config import ACCELERATION, EFFORT, POWER, RATE
+from pmopt.analysis.motion.records import Motion
 from pmopt.analysis.motion.summary import columns
 from pmopt.mechanisms import Mechanism
 from pmopt.reporting.pictures.chart_text import design_parts, heading, line_style, name_axis

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from pmopt.analysis.motion.compute import Motion, Span, compute_motion
 from pmopt.analysis.motion.config import MotionTask
+from pmopt.analysis.motion.motion import Loads, compute_motion
 from pmopt.analysis.motion.recordings import Residual
+from pmopt.analysis.motion.records import Motion, Span
 from pmopt.analysis.motion.summary import Demand, broken_limits, columns, demands
 from pmopt.analysis.motion.trajectories import Planned, plan_trajectory
 from pmopt.inputs.reading import LARGEST_OF_LINES, read_file
@@ -162,11 +163,8 @@ def _run(
         task.parameters,
         planned.trajectory,
         working_mode=task.config.working_mode,
-        bodies=task.bodies or None,
-        payload=task.payload,
-        gravity=task.config.gravity,
+        loads=Loads(task.bodies or None, task.payload, task.config.gravity, task.config.efforts),
         limits=task.joint_limits,
-        efforts=task.config.efforts,
         threads=threads,
         notify=notify,
     )

@@ -55,7 +55,7 @@ def toml() -> Iterator[Finding]:
 @maker("constants")
 def constants() -> Iterator[Statement]:
     """Yield sizes that the program chooses: grids, first samples, blocks, times to wait."""
-    from pmopt.analysis.certification.boxes import MAX_OPEN
+    from pmopt.analysis.certification.bisection import MAX_OPEN
     from pmopt.analysis.settings import DEFAULT_REPLICATES
     from pmopt.analysis.workspace.aspects import CELLS
     from pmopt.analysis.workspace.shape import DEFAULT_GRIDS

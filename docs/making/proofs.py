@@ -10,7 +10,7 @@ import pmopt.api
 from making.figures import ANYTHING
 from making.pages import Says, Statement
 from making.registry import add
-from pmopt.analysis.certification.boxes import CertifiedVolume
+from pmopt.analysis.certification.volume import CertifiedVolume
 from pmopt.mechanisms import find
 
 PAGE, SPEED = "docs/certificates.md", "docs/performance.md"

@@ -4,7 +4,8 @@ import pytest
 from support.cli_runner import error_line, here
 
 from pmopt import api
-from pmopt.analysis.certification import boxes
+from pmopt.analysis.certification.claim import READS as CLAIM_READS
+from pmopt.analysis.certification.volume import READS as VOLUME_READS
 from pmopt.analysis.kinematics.index_units import entry_units, index_note, mixes_units
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities import survey
@@ -77,9 +78,9 @@ READ = {
     workspace: set(VALUES),
     of_singularities: set(survey.READS.fields) | {"grid"},  # its own: the aspects'
     of_capability: set(actuators.READS.fields) - ALONE[of_capability],
-    claim: set(boxes.READS.fields) - ALONE[claim],
-    index_claim: set(boxes.READS.fields),
-    volume: set(boxes.VOLUME_READS.fields),
+    claim: set(CLAIM_READS.fields) - ALONE[claim],
+    index_claim: set(CLAIM_READS.fields),
+    volume: set(VOLUME_READS.fields),
 }
 
 

@@ -11,7 +11,8 @@ import pytest
 
 import pmopt
 from pmopt import api
-from pmopt.analysis.certification import boxes
+from pmopt.analysis.certification.claim import READS as CLAIM_READS
+from pmopt.analysis.certification.volume import READS as VOLUME_READS
 from pmopt.analysis.regions import sections
 from pmopt.analysis.settings import Range, WorkspaceSettings
 from pmopt.analysis.singularities import survey
@@ -27,9 +28,9 @@ READ = {
     ),
     keywords.SingularityOptions: (survey.READS.fields, {"seed", "threads", "grid"}),
     keywords.SectionOptions: (sections.READS.fields, {"threads", "resolution"}),
-    keywords.CertifyOptions: (boxes.READS.fields, {"time_budget", "box_budget"}),
+    keywords.CertifyOptions: (CLAIM_READS.fields, {"time_budget", "box_budget"}),
     keywords.CertifyVolumeOptions: (
-        boxes.VOLUME_READS.fields, {"gap", "time_budget", "box_budget"},
+        VOLUME_READS.fields, {"gap", "time_budget", "box_budget"},
     ),
     keywords.CapabilityWorkspace: (actuators.READS.fields, set()),
 }  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from support import five_bar, gough, naive, planar, plugins
 from support.cli_runner import answer, here, json_answer
 
-from pmopt.analysis.certification.enclosures import enclose
+from pmopt.analysis.certification.enclosing import enclose
 from pmopt.analysis.kinematics.jacobian import jacobian_at
 from pmopt.analysis.mobility.freedom import mobility_of
 from pmopt.analysis.regions.sections import section_fields

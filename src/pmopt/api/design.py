@@ -297,7 +297,7 @@ class Design:
     @named
     def certify(self, **options: Unpack[CertifyOptions]) -> Claim:
         """Prove or refute a claim about the poses of a box, see :func:`pmopt.certify`."""
-        from pmopt.analysis.certification.boxes import certify_claim
+        from pmopt.analysis.certification.claim import certify_claim
         from pmopt.api.results.certification import Claim
 
         settings = self._settings(options, "certify", ("time_budget", "box_budget"))
@@ -313,11 +313,11 @@ class Design:
     @named
     def certify_volume(self, **options: Unpack[CertifyVolumeOptions]) -> CertifiedVolume:
         """Enclose the volume between guaranteed bounds, see :func:`pmopt.certify_volume`."""
-        from pmopt.analysis.certification import boxes
+        from pmopt.analysis.certification.volume import certify_volume
         from pmopt.api.results.certification import CertifiedVolume
 
         settings = self._settings(options, "certify", ("gap", "time_budget", "box_budget"))
-        found = boxes.certify_volume(
+        found = certify_volume(
             self.mechanism,
             self.parameters,
             settings,

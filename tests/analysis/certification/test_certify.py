@@ -12,9 +12,10 @@ from support.cli_runner import error_line, here, json_answer, pmopt, strict_json
 from support.poses import constants_of
 
 from pmopt import api
-from pmopt.analysis.certification import boxes as certify
 from pmopt.analysis.certification import curve_enclosure
-from pmopt.analysis.certification.enclosures import enclose
+from pmopt.analysis.certification import proven_matrices as proofs
+from pmopt.analysis.certification.enclosing import enclose
+from pmopt.analysis.certification.volume import certify_volume
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace import compute as workspace
 from pmopt.analysis.workspace.sweeper import Sweeper
@@ -485,7 +486,7 @@ def test_index_bounds(norm):
         middles = rng.normal(size=(200, n, n)) * 10.0 ** rng.uniform(-8, 8, (200, 1, 1))
         middles[::4, 0] = middles[::4, 1] * (1 + 1e-9)
         ranges = np.abs(middles) * rng.choice([0.0, 1e-9, 1e-2], (200, 1, 1))
-        low, high = certify.index_bounds(middles, ranges, norm)
+        low, high = proofs.index_bounds(middles, ranges, norm)
         matrices = middles + ranges * rng.uniform(-1, 1, middles.shape)
         values = np.maximum(np.linalg.svd(matrices, compute_uv=False), 1e-100)
         if norm == "2":
@@ -494,17 +495,17 @@ def test_index_bounds(norm):
             index = 1 / np.sqrt((values**2).sum(axis=1) * (1 / values**2).sum(axis=1))
         assert (low <= index * (1 + 1e-6) + 1e-13).all()
         assert (index <= high * (1 + 1e-6) + 1e-13).all()
-        sharp = certify.index_bounds(middles, 0 * ranges, norm)
+        sharp = proofs.index_bounds(middles, 0 * ranges, norm)
         assert (sharp[1] - sharp[0] < 1e-10).all()
 
 
 def test_regular():
     singular = np.ones((1, 3, 3))
-    assert not certify.regular(singular, np.zeros((1, 3, 3)))[0]
-    assert certify.regular(np.eye(3)[None] * 1e-200, np.full((1, 3, 3), 1e-202))[0]
-    assert not certify.regular(np.eye(3)[None], np.full((1, 3, 3), 0.34))[0]
-    assert not certify.regular(np.full((1, 3, 3), np.nan), np.zeros((1, 3, 3)))[0]
-    signs = certify.proven_signs(np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 1.0], [1.0, 1.0]]]),
+    assert not proofs.regular(singular, np.zeros((1, 3, 3)))[0]
+    assert proofs.regular(np.eye(3)[None] * 1e-200, np.full((1, 3, 3), 1e-202))[0]
+    assert not proofs.regular(np.eye(3)[None], np.full((1, 3, 3), 0.34))[0]
+    assert not proofs.regular(np.full((1, 3, 3), np.nan), np.zeros((1, 3, 3)))[0]
+    signs = proofs.proven_signs(np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 1.0], [1.0, 1.0]]]),
                                  np.zeros((2, 2, 2)))  # fmt: skip
     assert signs.tolist() == [-1, 0]
 
@@ -623,9 +624,7 @@ def test_bounds_of_the_index_hold_what_is_sampled(name, norm):
     """The sampled extremes lie between the outer bounds, and do not contradict the inner ones."""
     domain = INSIDE[name]
     given = {"norm": norm} | ({"domain": domain} if domain else {})
-    proven = certify.certify_volume(
-        find(name), {}, WorkspaceSettings(**given), gap=0.3, time_budget=20.0
-    )
+    proven = certify_volume(find(name), {}, WorkspaceSettings(**given), gap=0.3, time_budget=20.0)
     sampled = workspace.compute_workspace(
         find(name), {}, WorkspaceSettings(**given, samples=1 << 16), threads=1, shape_grid=0
     )

@@ -1,6 +1,6 @@
 """Proven bounds of the least and the largest LCI of a workspace, from both sides.
 
-Boxes of poses are bisected as for a volume (:mod:`pmopt.analysis.certification.boxes`): all
+Boxes of poses are bisected as for a volume (:mod:`pmopt.analysis.certification.bisection`): all
 reachable poses bound the index from outside, single poses that are proven reachable from inside.
 """
 
@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.certification.boxes import bisected, index_bounds
+from pmopt.analysis.certification.bisection import bisected
 from pmopt.analysis.certification.budgets import Budget
 from pmopt.analysis.certification.enclosures import Enclosure
+from pmopt.analysis.certification.proven_matrices import index_bounds
 
 #: Relative gap at which the search ends, boxes evaluated at once, least and most in all.
 _GAP = 1e-3

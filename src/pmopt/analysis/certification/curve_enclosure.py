@@ -84,7 +84,7 @@ class CurveEnclosure(Enclosure):
     Parameters
     ----------
     mechanism, design, notify
-        See :func:`pmopt.analysis.certification.enclosures.enclose`.
+        See :func:`pmopt.analysis.certification.enclosing.enclose`.
     """
 
     def __init__(

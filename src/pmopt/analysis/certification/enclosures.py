@@ -7,7 +7,6 @@ dyadic, and so are their volumes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +20,8 @@ from pmopt.compiler.tracing import (
     Graph,
     Tape,
     Traced,
-    TracedImplicit,
     Untraceable,
-    trace,
-    trace_implicit,
 )
-from pmopt.errors import InputError
 from pmopt.kernels import affine_forms
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
@@ -38,55 +33,6 @@ _FAR = 1e30
 #: How far a constant may be off, relative to itself and to the design's longest length: constants
 #: are sums and products of few lengths, sines and cosines.
 _OFF, _OFF_LENGTH = 8 * EPS, 2 * EPS
-
-
-def enclose(
-    mechanism: Mechanism, design: Design, notify: Callable[[], None] | None = None
-) -> Enclosure:
-    """Return what can be proven of a design.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    design : Design
-    notify : callable, optional
-        Called before a compilation that takes seconds.
-
-    Raises
-    ------
-    InputError
-        For a mechanism whose kernel can not be traced.
-    """
-    if mechanism.implicit is not None:
-        from pmopt.analysis.certification.implicit_enclosure import Sheet
-
-        return Sheet(mechanism, design, notify)
-    if mechanism.curve is not None:
-        from pmopt.analysis.certification.curve_enclosure import CurveEnclosure
-
-        return CurveEnclosure(mechanism, design, notify)
-    try:
-        return Enclosure(mechanism, design, _traced(mechanism), notify)
-    except Untraceable as error:
-        raise InputError(
-            f"certify: {mechanism.name}: nothing can be proven of its kernel: {error}"
-        ) from None
-
-
-@cache
-def _traced(mechanism: Mechanism) -> Traced:
-    return trace(mechanism.kernel, len(mechanism.pose), mechanism.form_of_constants)
-
-
-@cache
-def traced_implicit(mechanism: Mechanism) -> TracedImplicit:
-    """Return the equations of a mechanism as expressions."""
-    given = mechanism.implicit
-    assert given is not None
-    return trace_implicit(
-        given.residuals, given.outcome, len(mechanism.pose), given.unknowns,
-        mechanism.form_of_constants,
-    )  # fmt: skip
 
 
 class Enclosure:

@@ -11,15 +11,16 @@ throughout; what is behind them is not connected with home through reachable pos
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.certification.enclosures import Array, Boxes, Enclosure, traced_implicit
+from pmopt.analysis.certification.enclosures import Array, Boxes, Enclosure
 from pmopt.analysis.workspace.sweeper import Design
 from pmopt.compiler.records import named
-from pmopt.compiler.tracing import Tape
+from pmopt.compiler.tracing import Tape, TracedImplicit, trace_implicit
 from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
@@ -32,6 +33,17 @@ _NEWTON_STEPS = 4
 #: it: as large as can be proven, so that neighbours' solutions lie in it.
 _RADII = (16.0, 4.0, 1.5)
 _WITHIN, _BEYOND, _UNKNOWN = 0, 1, 2
+
+
+@cache
+def traced_implicit(mechanism: Mechanism) -> TracedImplicit:
+    """Return the equations of a mechanism as expressions."""
+    given = mechanism.implicit
+    assert given is not None
+    return trace_implicit(
+        given.residuals, given.outcome, len(mechanism.pose), given.unknowns,
+        mechanism.form_of_constants,
+    )  # fmt: skip
 
 
 class Tubes(NamedTuple):
@@ -62,7 +74,7 @@ class Sheet(Enclosure):
     Parameters
     ----------
     mechanism, design, notify
-        See :func:`pmopt.analysis.certification.enclosures.enclose`.
+        See :func:`pmopt.analysis.certification.enclosing.enclose`.
 
     Raises
     ------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from pmopt.analysis.certification import boxes
+from pmopt.analysis.certification import claim, volume
 from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing
 from pmopt.api.results.workspace import draw_part
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pmopt.api.design import Design
 
 
-class CertifiedVolume(Showing, boxes.CertifiedVolume):
+class CertifiedVolume(Showing, volume.CertifiedVolume):
     """Guaranteed bounds of a workspace's volume."""
 
     frames: ClassVar[tuple[str, ...]] = ("volume", "lci")
@@ -49,7 +49,7 @@ class CertifiedVolume(Showing, boxes.CertifiedVolume):
         return draw_part(self._design, self._settings, "sections")
 
 
-class Claim(Showing, boxes.Claim):
+class Claim(Showing, claim.Claim):
     """A claim about every reachable pose of a box, and what became of it."""
 
     _design: Design

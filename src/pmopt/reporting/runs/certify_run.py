@@ -8,14 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pmopt.analysis.certification.boxes import (
-    CertifiedVolume,
-    Claim,
-    Progress,
-    certify_claim,
-    certify_volume,
-)
+from pmopt.analysis.certification.bisection import Progress
 from pmopt.analysis.certification.certified_index import IndexBounds
+from pmopt.analysis.certification.claim import Claim, certify_claim
+from pmopt.analysis.certification.volume import CertifiedVolume, certify_volume
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.sweeper import Notify
 from pmopt.mechanisms.mechanism import Mechanism, Parameters

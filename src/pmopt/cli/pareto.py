@@ -85,7 +85,7 @@ def pareto_command(
 @contextmanager
 def _progress(quiet: bool, config: RunConfig) -> Iterator[tuple[OnGeneration, OnMeasured]]:
     """Show generation, front size, hypervolume and time left: a bar, or a line now and then."""
-    from pmopt.synthesis.config import objective_units
+    from pmopt.synthesis.objectives import objective_units
     from pmopt.units import product_unit
 
     planned = config.algorithm.generations

@@ -22,28 +22,14 @@ from pmopt.inputs.fields import Unit, UnitByName, UnitInWords
 from pmopt.inputs.overrides import overridden
 from pmopt.inputs.quantities import QuantityError, as_quantity
 from pmopt.mechanisms import Mechanism
-from pmopt.units import ONE, measure_unit
+from pmopt.synthesis.objectives import OBJECTIVES, SENSES, ObjectiveName
 
-Objective = Literal["volume", "gci", "projected_volume", "footprint"]
-#: +1 for what is maximised, -1 for what is minimised.
-SENSES: dict[str, int] = {"volume": 1, "gci": 1, "projected_volume": 1, "footprint": -1}
 #: Samples of a design where a search that chooses their number itself does not say, about what it
 #: takes on average: on points anywhere and on lines.
 SEARCH_SAMPLES = 20_000
 SEARCH_ON_LINES = 1 << 12
 #: What ``samples`` may say instead of a number, and the default.
 ADAPTIVE = "adaptive"
-
-
-def objective_units(mechanism: Mechanism) -> dict[str, str]:
-    """Return the unit of everything that can be an objective."""
-    length = mechanism.length_unit
-    return {
-        "volume": mechanism.volume_unit,
-        "gci": ONE,
-        "projected_volume": measure_unit(["length"] * 3, length),
-        "footprint": measure_unit(["length"] * 2, length),
-    }
 
 
 #: The unit of a bound.
@@ -77,7 +63,7 @@ class AlgorithmSettings(BaseModel):
     seed: int = Field(
         default=1, ge=0, lt=2**63, description="Of the search and of all sample points"
     )
-    reference: Annotated[dict[Objective, FiniteFloat], UnitByName()] = Field(
+    reference: Annotated[dict[ObjectiveName, FiniteFloat], UnitByName()] = Field(
         default_factory=dict,
         description="Point from which hypervolumes are measured, by objective. Default: 0 for "
         "what is maximised, for what is minimised the largest value over designs of the bounds",
@@ -118,9 +104,10 @@ class RunConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     mechanism: str = Field(description=MECHANISM_KEY)
-    objectives: tuple[Objective, ...] = Field(
+    objectives: tuple[ObjectiveName, ...] = Field(
         default=("volume", "gci"), strict=False,
-        description="Two or more. All are maximised but `footprint`",
+        description="Two or more. All are maximised but "
+        + ", ".join(f"`{name}`" for name, sense in SENSES.items() if sense < 0),
     )  # fmt: skip
     parameters: dict[str, Any] = Field(
         default_factory=dict,
@@ -134,7 +121,7 @@ class RunConfig(BaseModel):
     algorithm: AlgorithmSettings = Field(
         default_factory=AlgorithmSettings, description="How designs are searched"
     )
-    constraints: dict[Objective, ConstraintSettings] = Field(
+    constraints: dict[ObjectiveName, ConstraintSettings] = Field(
         default_factory=dict,
         description="Bounds, inclusive, on a quantity that may be an objective",
     )
@@ -178,7 +165,7 @@ class RunConfig(BaseModel):
         if len(self.objectives) < 2 or len(set(self.objectives)) < len(self.objectives):
             raise ValueError(
                 f"objectives {list(self.objectives)} must be at least two different ones of "
-                f"{', '.join(SENSES)}"
+                f"{', '.join(OBJECTIVES)}"
             )
         for name in self.algorithm.reference:
             if name not in self.objectives:

@@ -32,7 +32,8 @@ from pmopt.execution.threads import ordered_map
 from pmopt.mechanisms import find
 from pmopt.mechanisms.mechanism import Parameters
 from pmopt.numerics.sequences import Sequence as Points
-from pmopt.synthesis.config import SEARCH_SAMPLES, SENSES, RunConfig, objective_units
+from pmopt.synthesis.config import SEARCH_SAMPLES, RunConfig
+from pmopt.synthesis.objectives import IN_SPACE, OF_SUMS, SENSES, objective_units
 from pmopt.units import ONE, product_unit
 
 if TYPE_CHECKING:
@@ -55,8 +56,6 @@ _TASKS = 2
 _WORTH = 0.02
 #: Samples behind the measures in space when the front is measured.
 FINAL_PROJECTION = 1 << 20
-#: Objectives in space: the field of a projection that holds each.
-_PROJECTED = {"projected_volume": "volume", "footprint": "footprint"}
 #: Added where a smallest LCI is set: some reachable pose must have it.
 MIN_LCI = "min_lci"
 
@@ -150,7 +149,7 @@ class DesignProblem:
         self.objectives = list(config.objectives)
         #: +1 for objectives to maximise, -1 for those to minimise.
         self.senses = np.array([SENSES[name] for name in self.objectives])
-        self._projects = bool({*config.objectives, *config.constraints} & set(_PROJECTED))
+        self._projects = bool({*config.objectives, *config.constraints} & set(IN_SPACE))
         #: (objective, +1 for a lower and -1 for an upper bound, bound) by constraint name.
         self.bounds = {
             f"{name}_{side}": (name, sign, bound)
@@ -251,8 +250,8 @@ class DesignProblem:
             designs += map(self.design, variables)
             found, slack = self._one_by_one(designs)
         by_name = {
-            "volume": (found.volume, found.volume_error),
-            "gci": (found.gci, found.gci_error),
+            name: (getattr(found, at), getattr(found, f"{at}_error"))
+            for name, at in OF_SUMS.items()
         }
         if self._projects:
             many = max(samples or SEARCH_SAMPLES, FIRST_SAMPLES)
@@ -316,7 +315,7 @@ class DesignProblem:
         self, designs: list[Design]
     ) -> tuple[PopulationEstimates, list[NDArray[np.float64]]]:
         """Evaluate on grids or to a target error, where each design takes its own points."""
-        rows: list[tuple[float, float, float, float]] = []
+        measured: list[Estimates] = []
         slack = []
         settings = self.config.workspace
         for design in designs:
@@ -325,11 +324,14 @@ class DesignProblem:
             else:
                 assert settings.target_error is not None
                 tallies, found = measure_to_target(self.sweeper, design, settings.target_error)
-            rows.append((*found.volume, *found.gci))
+            measured.append(found)
             slack.append(self._existence(tallies))
-        volume, volume_error, gci, gci_error = np.array(rows).T
+        arrays = {}
+        for at in OF_SUMS.values():
+            pairs = np.array([getattr(found, at) for found in measured])
+            arrays[at], arrays[f"{at}_error"] = pairs.T
         columns = [np.concatenate(parts) for parts in zip(*slack, strict=True)]
-        return PopulationEstimates(volume, volume_error, gci, gci_error), columns
+        return PopulationEstimates(**arrays), columns
 
     def _projected(self, designs: list[Design], samples: int) -> dict[str, NDArray[np.float64]]:
         """Return value and error of the measures in space, shape (D, 2) each, NaN for none."""
@@ -342,7 +344,7 @@ class DesignProblem:
         )
         return {
             name: np.array([getattr(p, field) for p in found], dtype=float)
-            for name, field in _PROJECTED.items()
+            for name, field in IN_SPACE.items()
         }
 
     def _existence(self, tallies: Tallies) -> list[NDArray[np.float64]]:
@@ -390,10 +392,10 @@ class DesignProblem:
         target = self.config.final.target_error
         design = self.design(row)
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
-        by_name = {"volume": found.volume, "gci": found.gci}
+        by_name = {name: getattr(found, at) for name, at in OF_SUMS.items()}
         if self._projects:
             space: Projection = self._project(self._final, design, FINAL_PROJECTION)
-            by_name |= {name: getattr(space, field) for name, field in _PROJECTED.items()}
+            by_name |= {name: getattr(space, at) for name, at in IN_SPACE.items()}
         return found, by_name
 
 

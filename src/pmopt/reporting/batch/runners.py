@@ -35,7 +35,8 @@ from pmopt.reporting.tables.table import Cell, Shown, Uncertain, shown, uncertai
 from pmopt.storage.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.storage.files import sha256
 from pmopt.synthesis.checkpoint import GROWS, plain
-from pmopt.synthesis.config import SENSES, RunConfig, resolve_config
+from pmopt.synthesis.config import RunConfig, resolve_config
+from pmopt.synthesis.objectives import SENSES
 from pmopt.units import ONE
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from pmopt.reporting.pictures.style import (
     to_picture,
     with_unit,
 )
-from pmopt.synthesis.config import SENSES
+from pmopt.synthesis.objectives import SENSES
 from pmopt.units import ONE, pretty, product_unit
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from pmopt.inputs.tables import Table, read_table
 from pmopt.inputs.text import read_text
 from pmopt.mechanisms import Mechanism, find
 from pmopt.reporting.runs.run_folder import MANIFEST
-from pmopt.synthesis.config import SENSES
+from pmopt.synthesis.objectives import SENSES
 from pmopt.units import ONE
 
 FRONT = "front.csv"

@@ -130,8 +130,8 @@ class MechanismHandle:
         return f"<{self.name}: {self.freedom}, {self.description}>"
 
     def _repr_html_(self) -> str:
+        from pmopt.reporting.tables.catalogue import mechanism_tables
         from pmopt.reporting.tables.html import to_html
-        from pmopt.reporting.tables.results import mechanism_tables
 
         return to_html(mechanism_tables(self.declaration))
 
@@ -173,7 +173,7 @@ class Design:
         return self.mechanism.home(self.parameters)
 
     def __repr__(self) -> str:
-        from pmopt.reporting.tables.results import design_text
+        from pmopt.reporting.tables.table import design_text
 
         return f"<{self.mechanism.name}: {design_text(self.parameters, self.units)}>"
 

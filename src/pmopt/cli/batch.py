@@ -78,6 +78,7 @@ def batch_command(
       pmopt batch --merge shard-1 shard-2 shard-3 shard-4 shard-5 --out all
     """
     from pmopt.reporting.batch import run as batch_run
+    from pmopt.reporting.batch import shards
     from pmopt.reporting.batch.plan import find_configs, parse_shard, plan_runs
     from pmopt.reporting.runs import run_folder
 
@@ -90,9 +91,7 @@ def batch_command(
             if value is not None:
                 raise InputError(f"{name}: not together with --merge, which runs nothing")
         folders = [Path(config) for config in configs]
-        return _tell(
-            batch_run.merge(folders, out or run_folder.default_folder("batch"), force), form
-        )
+        return _tell(shards.merge(folders, out or run_folder.default_folder("batch"), force), form)
     options.check_resume(resume, force, out)
     part = None if shard is None else parse_shard(shard)
     runs = plan_runs(find_configs(configs), sets)

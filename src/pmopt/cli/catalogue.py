@@ -7,7 +7,7 @@ import click
 from pmopt.cli.options import any_mechanism_argument, common_options
 from pmopt.cli.output import emit
 from pmopt.mechanisms import Mechanism, find, left_out, names
-from pmopt.reporting.tables import results
+from pmopt.reporting.tables import catalogue as tables
 
 
 @click.command("list")
@@ -36,7 +36,7 @@ def list_command(form: str, quiet: bool, debug: bool) -> None:
             {"plugin": p.name, "entry_point": p.value, "reason": p.reason} for p in left_out()
         ],
     }
-    emit(form, document, [results.mechanisms_table(found, left_out())])
+    emit(form, document, [tables.mechanisms_table(found, left_out())])
 
 
 @click.command("info")
@@ -50,6 +50,6 @@ def info_command(mechanism: Mechanism, form: str, quiet: bool, debug: bool) -> N
       pmopt info 2pauu-ppap
     """
     emit(
-        form, results.mechanism_document(mechanism), results.mechanism_tables(mechanism),
-        results.mechanism_data(mechanism),
+        form, tables.mechanism_document(mechanism), tables.mechanism_tables(mechanism),
+        tables.mechanism_data(mechanism),
     )  # fmt: skip

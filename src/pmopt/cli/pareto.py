@@ -46,7 +46,7 @@ def pareto_command(
     """
     from pmopt.execution.cluster import connect
     from pmopt.reporting.runs import pareto_run, run_folder
-    from pmopt.reporting.tables import results
+    from pmopt.reporting.tables.front import pareto_tables
     from pmopt.synthesis.config import load_config
 
     run_config = load_config(config, sets)
@@ -79,7 +79,7 @@ def pareto_command(
             run_config, out, force=force, resume=resume, threads=threads, notify=notify,
             on_generation=on_generation, on_measured=on_measured, cluster=cluster,
         )  # fmt: skip
-    emit(form, run.to_dict(), results.pareto_tables(run), [run.front_rows()])
+    emit(form, run.to_dict(), pareto_tables(run), [run.front_rows()])
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
 from pmopt.mechanisms.mechanism import LARGEST_COORDINATE, Coordinate
-from pmopt.reporting.tables import results as tables
+from pmopt.reporting.tables import kinematics as tables
 from pmopt.reporting.tables.streams import BLOCK, Stream, form_of
 
 _Block = tuple[list[dict[str, float]], list[str]]

@@ -160,7 +160,7 @@ def workspace_command(
     from pmopt.execution.cluster import connect
     from pmopt.reporting.runs import workspace_run
     from pmopt.reporting.runs.tasks import WorkspaceTask
-    from pmopt.reporting.tables import results
+    from pmopt.reporting.tables.workspace import workspace_data, workspace_tables
 
     given: dict[str, Any] = {
         "samples": samples,
@@ -234,7 +234,7 @@ def workspace_command(
             progress=progress, cluster=cluster,
         )  # fmt: skip
     emit(
-        form, result.to_dict(), results.workspace_tables(result), [results.workspace_data(result)]
+        form, result.to_dict(), workspace_tables(result), [workspace_data(result)]
     )  # fmt: skip
     if out is not None:
         notify(f"written to {out}")

@@ -15,8 +15,8 @@ from pmopt.analysis.workspace.positions import measure_positions
 from pmopt.analysis.workspace.projection import measure_projection
 from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms.registry import find
-from pmopt.reporting.tables.results import workspace_tables
 from pmopt.reporting.tables.table import shown
+from pmopt.reporting.tables.workspace import workspace_tables
 
 #: Limits that bend the boundary of what is reached.
 SETTINGS = ({}, {"cone_angle": 0.5})

@@ -19,7 +19,7 @@ from pmopt.kernels.sweep import bin_of
 from pmopt.mechanisms import find
 from pmopt.numerics.bins import bin_edges, bins_of
 from pmopt.reporting.pictures import style, workspace_plots
-from pmopt.reporting.tables import results
+from pmopt.reporting.tables import workspace as tables
 from pmopt.reporting.tables.table import shown
 
 TORUS = {"m": 0.9, "n": 0.9, "l1": 1.0, "l2": 0.8}
@@ -252,7 +252,7 @@ def test_bounds_are_not_called_standard_errors():
     assert {"volume_error_bound", "share_error_bound"} <= set(document["regions"][0])
     # Positions are counted on voxels: their errors are standard errors here too.
     assert "standard_error" in document["projected_volume"]
-    (table, *_) = results.workspace_tables(result)
+    (table, *_) = tables.workspace_tables(result)
     heads, body = table.data()
     assert heads == ["quantity", "value", "standard_error", "error_bound", "unit"]
     rows = {row[0]: row for row in body}
@@ -356,7 +356,7 @@ def test_extremes_have_no_standard_error():
     ]  # fmt: skip
     assert lci["standard_error"] == result.gci.error
     assert (lci["min_bound"], lci["max_bound"]) == ("found", "found")
-    (table,) = results.workspace_tables(result)
+    (table,) = tables.workspace_tables(result)
     texts = {row[0]: shown(row[1]) for row in table.rows}
     assert texts["lci min"].startswith("<= 0.164")
     assert texts["lci max"].startswith(">= 0.848")

@@ -32,7 +32,9 @@ import pmopt as package
 from pmopt.errors import InputError, InputErrors, PmoptError
 from pmopt.execution.workers import ATTEMPTS, LocalWorkers
 from pmopt.mechanisms import find, names
+from pmopt.reporting.batch import jobs
 from pmopt.reporting.batch import run as batch_run
+from pmopt.reporting.batch.jobs import Job, Outcome, run_job
 from pmopt.reporting.batch.plan import (
     MAX_NAME,
     expand,
@@ -42,8 +44,9 @@ from pmopt.reporting.batch.plan import (
     plan_runs,
     unique_names,
 )
-from pmopt.reporting.batch.run import Batch, Job, merge, run_job
+from pmopt.reporting.batch.run import Batch
 from pmopt.reporting.batch.runners import RUNNERS, Results, Runner, resolve
+from pmopt.reporting.batch.shards import merge
 from pmopt.reporting.runs.pareto_run import run_pareto
 
 MECH = "2pauu-ppap"
@@ -937,7 +940,7 @@ def test_an_item_that_kills_every_process_is_given_up():
 
 def test_a_run_whose_batch_has_gone_stops(tmp_path, monkeypatch):
     """A worker on another machine, whose batch was killed, notices by the file of its key."""
-    monkeypatch.setattr(batch_run, "_BEAT", 0.0)
+    monkeypatch.setattr(jobs, "_BEAT", 0.0)
     document = resolve(tomllib.loads(PARETO), "x").document()
     lock = tmp_path / "batch.lock"
     lock.write_text("mine")
@@ -968,7 +971,7 @@ def test_a_worker_that_does_not_see_the_folder_sends_the_files(undisturbed, writ
 
     class Lies(Here):
         def completed(self, function, items, tick):
-            yield 0, batch_run.Outcome(files={"../../precious": b""})
+            yield 0, Outcome(files={"../../precious": b""})
 
     with pytest.raises(PmoptError, match="a worker sent a file of the name"):
         run(batch_of(tmp_path, write("a.toml"), out="lies"), Lies())

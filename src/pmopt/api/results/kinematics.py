@@ -10,7 +10,7 @@ from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of, place_text
 from pmopt.errors import InputError
 from pmopt.mechanisms.mechanism import wrap_angle
-from pmopt.reporting.tables import results as tables
+from pmopt.reporting.tables import kinematics as tables
 from pmopt.reporting.tables.mobility import mobility_data, mobility_tables
 from pmopt.reporting.tables.table import Table
 

@@ -9,7 +9,7 @@ from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import InputError, unknown_name
 from pmopt.reporting.batch import summary
 from pmopt.reporting.runs import motion_run, pareto_run, simulate_run
-from pmopt.reporting.tables import results as tables
+from pmopt.reporting.tables.front import pareto_tables
 from pmopt.reporting.tables.table import Table, uncertain
 from pmopt.units import ONE
 
@@ -117,7 +117,7 @@ class ParetoRun(Showing, pareto_run.ParetoRun):
 
     def _tables(self) -> list[Table]:
         """Return the ends and the knee of the front."""
-        return tables.pareto_tables(self)
+        return pareto_tables(self)
 
     @named
     def to_frame(self, name: str | None = None) -> pd.DataFrame:

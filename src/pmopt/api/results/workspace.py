@@ -8,8 +8,8 @@ from pmopt.analysis.workspace import compute
 from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import unknown_name
-from pmopt.reporting.tables import results as tables
 from pmopt.reporting.tables.table import Table, uncertain
+from pmopt.reporting.tables.workspace import workspace_data, workspace_tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,11 +53,11 @@ class WorkspaceResult(Showing, compute.WorkspaceResult):
 
     def _tables(self) -> list[Table]:
         """Return every number with its error, and the shape."""
-        return tables.workspace_tables(self)
+        return workspace_tables(self)
 
     def _frame(self, name: str) -> Table:
         """Return all numbers, a row each."""
-        return tables.workspace_data(self)
+        return workspace_data(self)
 
     @named
     def plot(self, what: Literal["histogram"] | Part = "histogram") -> Axes:

@@ -9,21 +9,19 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import tempfile
-import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from pmopt.analysis.workspace.sweeper import Notify, Sweeper
 from pmopt.analysis.workspace.warmup import warm_up
-from pmopt.errors import InfeasibleError, InputError, InputErrors, PmoptError
+from pmopt.errors import InputError, InputErrors, PmoptError
 from pmopt.execution.cluster import Cluster
 from pmopt.execution.threads import default_threads
 from pmopt.execution.workers import LocalWorkers, Pool
-from pmopt.inputs.reading import read_file, read_json
+from pmopt.reporting.batch.jobs import Job, Outcome, run_job
 from pmopt.reporting.batch.plan import (
     PlannedRun,
     find_configs,
@@ -31,8 +29,8 @@ from pmopt.reporting.batch.plan import (
     parse_shard,
     plan_runs,
 )
-from pmopt.reporting.batch.runners import RUNNERS
-from pmopt.reporting.batch.summary import FAILURE, BatchResult, RunSummary, Status, summary_of
+from pmopt.reporting.batch.shards import LOCK, SCHEMA, SUMMARY, read_plan, shard_text
+from pmopt.reporting.batch.summary import FAILURE, BatchResult, RunSummary, summary_of
 from pmopt.reporting.pictures.gallery import missing_lines
 from pmopt.reporting.runs.run_folder import (
     PLAN,
@@ -41,26 +39,15 @@ from pmopt.reporting.runs.run_folder import (
     read_manifest,
 )
 from pmopt.reporting.tables.table import Shown, Table, estimated, to_csv
-from pmopt.storage.checkpoint import differences
 from pmopt.storage.files import unwritable, write_atomic
-from pmopt.storage.folder_lock import InUseError
 from pmopt.storage.swap import NEXT
 
 if TYPE_CHECKING:
     from pmopt.analysis.motion.dynamics import Mover
 
-#: The batch's summary, and the file that tells workers that it is alive.
-SUMMARY, LOCK = "summary.csv", "batch.lock"
-SCHEMA = 1
 #: Runs of each command and mechanism that a dry run measures.
 _PROBED = 2
-#: Least seconds between two looks at whether a run on another machine is still wanted.
-_BEAT = 1.0
-#: Seconds to wait for a folder that another worker still has.
-_HELD = 15.0
 
-#: Bytes of a key, at most.
-_LONGEST_KEY = 1000
 
 #: Called with the number of a run and what has become of it.
 OnDone = Callable[["RunSummary"], None]
@@ -188,82 +175,6 @@ def run_batch(
 
 
 @dataclass(frozen=True)
-class Job:
-    """One run, as a worker gets it."""
-
-    command: str
-    document: dict[str, Any]
-    source: str
-    folder: str
-    force: bool
-    threads: int | None
-    lock: str
-    key: str
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a worker says: nothing, or what kept the run from its end.
-
-    Where the worker does not see the batch's folder, ``files`` are those of the run.
-    """
-
-    status: Status = "finished"
-    message: str = ""
-    files: dict[str, bytes] = field(default_factory=dict)
-
-
-class _Unwanted(Exception):
-    """The batch that asked for this run has gone."""
-
-
-def run_job(job: Job) -> Outcome:
-    """Run one run of a batch: what a worker does. Raises nothing."""
-    shared = _key_of(job.lock) == job.key
-    began = looked = time.monotonic()
-
-    def beat() -> None:
-        nonlocal looked
-        if shared and time.monotonic() - looked > _BEAT:
-            looked = time.monotonic()
-            if _key_of(job.lock) != job.key:
-                raise _Unwanted
-
-    try:
-        runner = RUNNERS[job.command].resolve(job.document, job.source)
-        if shared:
-            while True:
-                try:
-                    runner.run(Path(job.folder), force=job.force, threads=job.threads, beat=beat)
-                    return Outcome()
-                except InUseError:  # by a worker of a batch that was killed, for a moment still
-                    if time.monotonic() - began > _HELD:
-                        raise
-                    time.sleep(_BEAT / 2)
-        with tempfile.TemporaryDirectory(prefix="pmopt-") as folder:
-            runner.run(Path(folder), force=True, threads=job.threads)
-            paths = [p for p in Path(folder).rglob("*") if p.is_file()]
-            return Outcome(files={str(p.relative_to(folder)): p.read_bytes() for p in paths})
-    except InfeasibleError as error:
-        return Outcome("infeasible", str(error))
-    except PmoptError as error:
-        return Outcome("failed", str(error))
-    except MemoryError:
-        return Outcome("failed", "out of memory: fewer samples, a smaller grid or population")
-    except _Unwanted:
-        return Outcome("pending", "the batch was stopped")
-    except Exception as error:
-        return Outcome("failed", f"unexpected {type(error).__name__}: {error}")
-
-
-def _key_of(lock: str) -> str | None:
-    try:
-        return read_file(Path(lock), _LONGEST_KEY).decode("utf-8", "replace")
-    except OSError:
-        return None
-
-
-@dataclass(frozen=True)
 class Batch:
     """A batch and its folder.
 
@@ -316,8 +227,8 @@ class Batch:
             raise InputError(
                 f"--out: {self.folder} holds a finished {manifest['command']} run, not a batch"
             )
-        before = _read_plan(self.place)
-        shard = _shard_text(self.shard)
+        before = read_plan(self.place)
+        shard = shard_text(self.shard)
         if before is not None and before["shard"] != shard and not force:
             raise InputError(
                 f"--out: {self.folder} holds {before['shard'] or 'all'} of a batch, this is "
@@ -366,7 +277,7 @@ class Batch:
         return (
             manifest is not None
             and self.place == self.folder  # else one was begun that replaces it
-            and (_read_plan(self.place) or {}).get("runs") == [r.to_dict() for r in self.runs]
+            and (read_plan(self.place) or {}).get("runs") == [r.to_dict() for r in self.runs]
             and not self.todo(force=False)
         )
 
@@ -424,7 +335,7 @@ class Batch:
                         on_done(self.summary_of(run))
             result = BatchResult(self.folder, tuple(self.summary_of(run) for run in own))
             folder.write(SUMMARY, to_csv([result.table()]) + "\n")
-            document = {"shard": _shard_text(self.shard), "runs": result.to_dict()["runs"]}
+            document = {"shard": shard_text(self.shard), "runs": result.to_dict()["runs"]}
             folder.close("batch", document)
         return result
 
@@ -486,7 +397,7 @@ class Batch:
     def _plan_text(self) -> str:
         document = {
             "schema": SCHEMA,
-            "shard": _shard_text(self.shard),
+            "shard": shard_text(self.shard),
             "runs": [run.to_dict() for run in self.runs],
         }
         return json.dumps(document, indent=1, allow_nan=False) + "\n"
@@ -523,87 +434,3 @@ def _distinct_users(runs: Sequence[PlannedRun], notify: Notify) -> list[Sweeper 
         if user is not None:
             found.setdefault(frozenset(map(id, user.kernels)), user)
     return list(found.values())
-
-
-def _shard_text(shard: tuple[int, int] | None) -> str | None:
-    return None if shard is None else f"{shard[0]}/{shard[1]}"
-
-
-def _read_plan(folder: Path) -> dict[str, Any] | None:
-    """Return what a batch's folder is to hold, None where there is no batch."""
-    try:
-        document = read_json(folder / PLAN)
-        shard, runs = document["shard"], document["runs"]
-        if document["schema"] != SCHEMA or not all(map(_is_planned, runs)):
-            return None
-        if shard is not None:
-            parse_shard(shard)
-        return {"shard": shard, "runs": list(runs)}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError):
-        return None
-
-
-def _is_planned(run: Any) -> bool:
-    """Return whether this is a run of a plan, as :meth:`PlannedRun.to_dict` gives it."""
-    texts = [run[key] for key in ("name", "command", "mechanism", "source", "config_sha256")]
-    return (
-        all(isinstance(text, str) for text in texts)
-        and Path(run["name"]).name == run["name"] not in ("", "..")
-        and run["command"] in RUNNERS
-        and all(not isinstance(cell, list | dict) for cell in run["swept"].values())
-    )
-
-
-def merge(folders: Sequence[Path], out: Path, force: bool = False) -> BatchResult:
-    """Bring the shards of a batch together into one summary, the same as of the whole batch.
-
-    Runs of shards that are missing or were cut off are ``pending``.
-
-    Raises
-    ------
-    InputError
-        For a folder that holds no batch, or shards of different batches.
-    """
-    plans = []
-    for path in folders:
-        plan = _read_plan(path)
-        if plan is None:
-            raise InputError(f"--merge: {path} holds no batch")
-        plans.append(plan)
-        if plan["runs"] != plans[0]["runs"]:
-            raise InputError(
-                f"--merge: {path} holds a part of another batch than {folders[0]}: "
-                f"{_difference(plans[0]['runs'], plan['runs'])}"
-            )
-    if any(path.resolve() == out.resolve() for path in folders):
-        raise InputError(f"--out: {out} is one of the shards")
-    runs = []
-    for number, planned in enumerate(plans[0]["runs"]):
-        parts = [summary_of(planned, path / RUNS / planned["name"])
-                 for path, plan in zip(folders, plans, strict=True)
-                 if in_shard(number, _shard(plan["shard"]))]  # fmt: skip
-        done = [part for part in parts if part.status == "finished"] + parts
-        runs.append(done[0] if done else summary_of(planned, out / RUNS / planned["name"]))
-    result = BatchResult(out, tuple(runs))
-    with RunFolder(out, force) as folder:
-        folder.write(SUMMARY, to_csv([result.table()]) + "\n")
-        folder.close(
-            "batch", {"merged": [str(path) for path in folders], "runs": result.to_dict()["runs"]}
-        )
-    return result
-
-
-def _shard(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    k, n = text.split("/")
-    return int(k), int(n)
-
-
-def _difference(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
-    """Return the first thing in which two plans differ."""
-    if len(one) != len(other):
-        return f"{len(one)} and {len(other)} runs"
-    found = (d for a, b in zip(one, other, strict=True) for d in differences(a, b))
-    key, old, new = next(found)
-    return f"{key}: {old} -> {new}"

@@ -13,17 +13,18 @@ from pmopt.mechanisms import find
 from pmopt.reporting.pictures.gallery import write_pictures
 from pmopt.reporting.runs.run_folder import RunFolder, claimed
 from pmopt.reporting.runs.tasks import WorkspaceTask
-from pmopt.reporting.tables.results import bounded, design_text
 from pmopt.reporting.tables.table import (
     Cell,
     Shown,
     Table,
     Uncertain,
     design_facts,
+    design_text,
     facts,
     to_csv,
     to_json,
 )
+from pmopt.reporting.tables.workspace import bounded
 from pmopt.units import ONE
 
 

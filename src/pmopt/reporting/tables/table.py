@@ -140,6 +140,15 @@ def facts(
     return Table("", ("quantity", "value", "unit", "text"), tuple(rows), {}, key=key)
 
 
+def design_text(params: Mapping[str, float | None], units: Mapping[str, str]) -> str:
+    """Return a design in words; what is not set is left out."""
+    return ", ".join(
+        f"{k} = {v:g} {units[k]}".removesuffix(f" {ONE}")
+        for k, v in params.items()
+        if v is not None
+    )
+
+
 def design_facts(
     params: Mapping[str, float | None], units: Mapping[str, str]
 ) -> dict[str, tuple[float | None, str]]:

@@ -22,9 +22,11 @@ from pmopt.analysis.certification.enclosures import Enclosure, enclose
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.evaluator import Notify
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.emptiness import explain
-from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper
 from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
@@ -192,7 +194,7 @@ def certify_volume(
             f"certify: min_lci={settings.min_lci} is not allowed: the volume is proven of all "
             "reachable poses; pmopt certify --min-lci proves the index over a box"
         )
-    sweeper, design = _prepared(mechanism, params, settings, VOLUME_READS, notify)
+    sampler, design = _prepared(mechanism, params, settings, VOLUME_READS, notify)
     found = _Boxes(0) if design.box_volume == 0 else None
     scale = Fraction(0)
     stopped: Stop = "gap"
@@ -212,7 +214,7 @@ def certify_volume(
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
     units |= dict.fromkeys(("volume", "lower", "upper"), mechanism.volume_unit)
     return CertifiedVolume(
-        subject=sweeper.subject(design),
+        subject=sampler.space.subject(design),
         lower=lower,
         upper=upper,
         gap=_relative(lower, upper),
@@ -223,7 +225,7 @@ def certify_volume(
         index=index,
         norm=settings.norm,
         index_note=index_note(
-            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
+            sampler.space.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
         volume_unit=mechanism.volume_unit,
         units=units | {"gap": ONE},
@@ -399,11 +401,11 @@ def _prepared(
     settings: WorkspaceSettings,
     reads: Reads,
     notify: Notify | None,
-) -> tuple[Sweeper, Design]:
-    """Return a sweeper and its design, settings that nothing is proven for refused."""
+) -> tuple[Sampler, Design]:
+    """Return a sampler and its design, settings that nothing is proven for refused."""
     reads.check(settings)
-    sweeper = Sweeper(mechanism, settings, notify=notify, where="certify")
-    return sweeper, sweeper.design(mechanism.resolve(params or {}))
+    sampler = make_sampler(mechanism, settings, notify=notify, where="certify")
+    return sampler, sampler.design(mechanism.resolve(params or {}))
 
 
 def _announced(notify: Notify | None) -> Callable[[], None] | None:
@@ -544,7 +546,7 @@ def certify_claim(
     budget = Budget(time_budget, box_budget)
     settings = settings or WorkspaceSettings()
     least = settings.min_lci
-    sweeper, design = _prepared(mechanism, params, settings, READS, notify)
+    sampler, design = _prepared(mechanism, params, settings, READS, notify)
     verdict: Verdict = "empty" if design.void else "undecided"
     stopped: Ended = "proven" if design.void else "edge"
     witness, index, examined, share = None, None, 0, 0.0 if design.void else 1.0
@@ -570,10 +572,10 @@ def certify_claim(
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
     units |= dict.fromkeys(("min_lci", "witness_lci", "open_share"), ONE)
     return Claim(
-        subject=sweeper.subject(design),
+        subject=sampler.space.subject(design),
         norm=settings.norm,
         index_note=index_note(
-            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
+            sampler.space.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
         claim=f"LCI >= {exact(least)} at every reachable pose" if least > 0 else
         "no reachable pose is singular",

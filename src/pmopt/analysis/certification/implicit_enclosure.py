@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.certification.enclosures import Array, Boxes, Enclosure, traced_implicit
-from pmopt.analysis.workspace.sweeper import Design
+from pmopt.analysis.sampling.design_space import Design
 from pmopt.compiler.records import named
 from pmopt.compiler.tracing import Tape
 from pmopt.errors import InputError

@@ -20,9 +20,9 @@ from pmopt.analysis.motion.continuity import (
     in_limits,
 )
 from pmopt.analysis.motion.dynamics import Mover, State, angular_motion
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities.touching import Jets, Least, between, least_sizes
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.compiler.machine_code import compile_ahead
 from pmopt.errors import UnreachableError
 from pmopt.mechanisms.bodies import Body, MassProperties
@@ -246,14 +246,14 @@ def compute_motion(
     massive = own if payload is None else (*own, payload.body("payload", source="given"))
     massive = massive if efforts else ()
     mover = Mover(mechanism, parameters, mode, massive, gravity, threads, notify)
-    sweeper = Sweeper(
+    sampler = make_sampler(
         mechanism,
         WorkspaceSettings(limits=dict(limits or {}), working_mode=mode, jacobian="homogenized"),
         threads=threads,
         notify=notify,
         where="motion",
     )
-    fields = [c for c, entries in sweeper.kernels.items() if "field" in entries]
+    fields = [c for c, entries in sampler.evaluator.kernels.items() if "field" in entries]
     compile_ahead(
         [*((c, "field") for c in fields), *((c, "move_all") for c in mover.kernels)], mover.threads
     )
@@ -262,9 +262,11 @@ def compute_motion(
     if trajectory.space == "joint":
         poses, rates, accelerations, spans = _followed(mover, parameters, mode, trajectory)
     known = np.isfinite(poses).all(axis=1)
-    design = sweeper.design(parameters)
+    design = sampler.design(parameters)
     margin, index = np.full(len(poses), -1.0), np.zeros(len(poses))
-    margin[known], index[known] = sweeper.field(design, np.ascontiguousarray(poses[known].T))
+    margin[known], index[known] = sampler.evaluator.field(
+        design, np.ascontiguousarray(poses[known].T)
+    )
     out = known & ~(margin >= 0.0)
     spans += _out_of_reach(mechanism, parameters, mode, design.limits, poses, out, margin)
     feasible = known & ~out
@@ -277,7 +279,7 @@ def compute_motion(
     jets = Jets(poses, rates, accelerations)
 
     def index_at(values: Values) -> Vector:
-        return sweeper.field(design, np.ascontiguousarray(values.T))[1]
+        return sampler.evaluator.field(design, np.ascontiguousarray(values.T))[1]
 
     touched, near = _touched(trajectory.t, jets, told & (index >= SINGULAR), index_at, singular)
     singular = sorted([*singular, *touched], key=lambda span: span.first)

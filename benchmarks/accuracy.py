@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sweep import numpy_lci
 
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.estimates import from_replicates
+from pmopt.analysis.sampling.measuring import measure_to_target
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.settings import DEFAULT_REPLICATES, WorkspaceSettings
-from pmopt.analysis.workspace.compute import measure_to_target
-from pmopt.analysis.workspace.estimates import from_replicates
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.errors import PmoptError
 from pmopt.mechanisms import Mechanism, find, names
 from pmopt.numerics.sequences import make_grid
@@ -80,13 +81,13 @@ def sampler_names() -> list[str]:
     return [*literals(WorkspaceSettings.model_fields["sampler"].annotation), "grid"]
 
 
-def grid_estimator(sweeper: Sweeper, design: Design) -> Estimator:
+def grid_estimator(sampler: Sampler, design: Design) -> Estimator:
     dimension = len(design.width)
     prepare = functools.cache(lambda cells: make_grid(dimension, cells))
 
     def estimate(count: int, seed: int) -> tuple[float, float]:
         cells = cells_of(count, dimension) + seed
-        tallies = sweeper.tally([design], prepare(cells), 0, cells**dimension)
+        tallies = sampler.evaluator.tally([design], prepare(cells), 0, cells**dimension)
         found = from_replicates(tallies)
         return found.volume.value, found.gci.value
 
@@ -100,15 +101,15 @@ def cells_of(count: int, dimension: int) -> int:
 def sampler_estimator(mechanism: Mechanism, sampler: str) -> Estimator:
     """Return the estimator of one of the settings' samplers, with pmopt's replicates."""
     settings = WorkspaceSettings(sampler=sampler)
-    sweepers: dict[int, tuple[Sweeper, Design, Any]] = {}
+    samplers: dict[int, tuple[Sampler, Design, Any]] = {}
 
     def estimate(count: int, seed: int) -> tuple[float, float]:
-        if seed not in sweepers:  # points are prepared once a run
-            sweeper = Sweeper(mechanism, settings, seed=seed, threads=1, notify=print)
-            design = sweeper.design(mechanism.resolve({}))
-            sweepers[seed] = sweeper, design, sweeper.sequence(DEFAULT_REPLICATES)
-        sweeper, design, points = sweepers[seed]
-        found = from_replicates(sweeper.tally([design], points, 0, per_replicate(count)))
+        if seed not in samplers:  # points are prepared once a run
+            sampler = make_sampler(mechanism, settings, seed=seed, threads=1, notify=print)
+            design = sampler.design(mechanism.resolve({}))
+            samplers[seed] = sampler, design, sampler.sequence(DEFAULT_REPLICATES)
+        sampler, design, points = samplers[seed]
+        found = from_replicates(sampler.evaluator.tally([design], points, 0, per_replicate(count)))
         return found.volume.value, found.gci.value
 
     return estimate
@@ -165,8 +166,8 @@ def own_methods(
     methods = []
     for sampler in sampler_names():
         if sampler == "grid":
-            sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-            estimate = grid_estimator(sweeper, sweeper.design(mechanism.resolve({})))
+            over = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+            estimate = grid_estimator(over, over.design(mechanism.resolve({})))
             dimension = len(mechanism.pose)
             # Grids are not random: neighbouring ones stand for seeds, up to a fifth finer.
             need = need_of(
@@ -294,8 +295,8 @@ def peers(
 
     Monte Carlo needs what pmopt's needs: the law of its points is the same.
     """
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    design = sweeper.design(mechanism.resolve({}))
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    design = sampler.design(mechanism.resolve({}))
     lower, width = design.lower, design.width
     lengths = tuple(float(design.parameters[k] or 0.0) for k in ("m", "n", "l1", "l2", "c"))
     random = next(method.need for method in own if method.name.endswith("monte-carlo"))
@@ -360,9 +361,9 @@ def interleaved(methods: list[Method]) -> list[list[float]]:
 def measure(name: str, target: float, seeds: int, reference: float) -> None:
     """Print the table of one mechanism."""
     mechanism = find(name)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1, notify=print)
-    design = sweeper.design(mechanism.resolve({}))
-    finer = sweeper.for_purpose("reference")
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1, notify=print)
+    design = sampler.design(mechanism.resolve({}))
+    finer = sampler.for_purpose("reference")
     _, fine = measure_to_target(finer, design, reference, most=REFERENCE_SAMPLES)
     truth = fine.volume.value, fine.gci.value
     errors = [e.error / e.value for e in (fine.volume, fine.gci)]

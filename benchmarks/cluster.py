@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import BLOCK_CHUNKS, CHUNK
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK, Sweeper
 from pmopt.execution.cluster import Cluster
 from pmopt.execution.workers import LocalWorkers
 from pmopt.mechanisms import find
@@ -76,11 +77,11 @@ def designs(count: int, rounds: int) -> tuple[float, float]:
 def blocks(rounds: int) -> None:
     """Tell what a block of a workspace takes and what its sums weigh."""
     mechanism = find(MECHANISM)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    design, points = sweeper.design(mechanism.resolve({})), sweeper.sequence(16)
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    design, points = sampler.design(mechanism.resolve({})), sampler.sequence(16)
     last = CHUNK * BLOCK_CHUNKS // 16
-    found = list(sweeper.blocks(design, points, 0, last, lambda count: None))
-    times = [cpu(lambda: list(sweeper.blocks(design, points, 0, last, lambda count: None)))
+    found = list(sampler.blocks(design, points, 0, last, lambda count: None))
+    times = [cpu(lambda: list(sampler.blocks(design, points, 0, last, lambda count: None)))
              for _ in range(rounds)]  # fmt: skip
     print(f"\na block of {CHUNK * BLOCK_CHUNKS:,d} samples")
     print(f"  processor time:    {median([1e3 * v for v in times])} ms")

@@ -24,8 +24,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import Tallies, chunk_ranges
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Design, Sweeper, Tallies, chunk_ranges
 from pmopt.mechanisms import find
 from pmopt.numerics.sequences import Sequence
 
@@ -121,7 +123,7 @@ POINTS = {
 
 
 def build(name: str, width: int, folder: Path) -> Sweep:
-    """Compile one reference and return it for points as :meth:`Sweeper.tally` takes them."""
+    """Compile one reference and return it for points as :meth:`Sampler.tally` takes them."""
     stem = folder / f"{name}-{width}"
     source = SOURCES / f"{name}.c"
     wide = f"-mprefer-vector-width={width}"
@@ -199,15 +201,15 @@ def ratios(times: dict[str, list[float]], above: str, below: str) -> str:
 def measure(name: str, points: int, pairs: int, folder: Path) -> None:
     """Check agreement of one mechanism, then time interleaved and print a line."""
     mechanism = find(name)
-    sweepers = {
-        threads: Sweeper(mechanism, WorkspaceSettings(), threads=threads, notify=print)
+    samplers = {
+        threads: make_sampler(mechanism, WorkspaceSettings(), threads=threads, notify=print)
         for threads in (1, 2)
     }
-    design = sweepers[1].design(mechanism.resolve({}))
-    sequence = sweepers[1].sequence(REPLICATES)
+    design = samplers[1].design(mechanism.resolve({}))
+    sequence = samplers[1].sequence(REPLICATES)
     count = max(1, points // REPLICATES)
     points = count * REPLICATES
-    ours = sweepers[1].tally([design], sequence, 0, count)
+    ours = samplers[1].evaluator.tally([design], sequence, 0, count)
     references = {width: build(name, width, folder) for width in WIDTHS}
     for width, reference in references.items():
         found = disagreement(ours, reference(design, sequence, 0, count))
@@ -219,12 +221,12 @@ def measure(name: str, points: int, pairs: int, folder: Path) -> None:
     width = min(WIDTHS, key=lambda w: min(trial[str(w)]))
 
     def stream(threads: int) -> None:
-        for _ in sweepers[threads].stream(design, sequence, chunk_ranges(0, count, REPLICATES)):
+        for _ in samplers[threads].stream(design, sequence, chunk_ranges(0, count, REPLICATES)):
             pass
 
     runs: dict[str, Callable[[], object]] = {
         "C": lambda: references[width](design, sequence, 0, count),
-        "pmopt": lambda: sweepers[1].tally([design], sequence, 0, count),
+        "pmopt": lambda: samplers[1].evaluator.tally([design], sequence, 0, count),
     }
     times = paired(runs, pairs)
     threads = paired({"1": lambda: stream(1), "2": lambda: stream(2)}, pairs, time.perf_counter)

@@ -21,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import chunk_ranges
 from pmopt.analysis.settings import DEFAULT_REPLICATES, WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper, chunk_ranges
 from pmopt.mechanisms import find
 from pmopt.reporting.pictures.style import FAINT, LINE, new_figure, to_picture
 from pmopt.storage.files import write_atomic
@@ -56,15 +57,15 @@ def peak_memory() -> float:
 def sweep_once(samples: int) -> None:
     """Sweep so many points as a process of its own, and write what it took as JSON."""
     mechanism = find(MECHANISM)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    design = sweeper.design(mechanism.resolve({}))
-    points = sweeper.sequence(DEFAULT_REPLICATES)
-    sweeper.tally([design], points, 0, 1)
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    design = sampler.design(mechanism.resolve({}))
+    points = sampler.sequence(DEFAULT_REPLICATES)
+    sampler.evaluator.tally([design], points, 0, 1)
     before = peak_memory()
     began = time.process_time()
     total = None
     last = max(1, samples // DEFAULT_REPLICATES)
-    for part in sweeper.stream(design, points, chunk_ranges(0, last, DEFAULT_REPLICATES)):
+    for part in sampler.stream(design, points, chunk_ranges(0, last, DEFAULT_REPLICATES)):
         if total is None:
             total = part
         else:

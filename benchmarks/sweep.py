@@ -13,8 +13,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import chunk_ranges
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper, chunk_ranges
 from pmopt.mechanisms import find
 from pmopt.numerics.sequences import make_grid
 
@@ -71,15 +72,15 @@ def main(count: int) -> None:
     mechanism = find("2pauu-ppap")
     params = mechanism.resolve({})
     design_values = tuple(float(params[k] or 0.0) for k in ("m", "n", "l1", "l2", "c"))
-    sweepers = {
-        threads: Sweeper(mechanism, WorkspaceSettings(), threads=threads, notify=print)
+    samplers = {
+        threads: make_sampler(mechanism, WorkspaceSettings(), threads=threads, notify=print)
         for threads in (1, 2)
     }
-    design = sweepers[1].design(params)
+    design = samplers[1].design(params)
     lower, width = design.lower[:, None], design.width[:, None]
 
     cells = 60
-    tallies = sweepers[1].tally([design], make_grid(3, cells), 0, cells**3)
+    tallies = samplers[1].evaluator.tally([design], make_grid(3, cells), 0, cells**3)
     axis = (np.arange(cells) + 0.5) / cells
     grid = np.stack([v.ravel() for v in np.meshgrid(axis, axis, axis, indexing="ij")])
     for svd, tolerance in ((True, 1e-9), (False, 1e-6)):
@@ -99,11 +100,11 @@ def main(count: int) -> None:
         return run, length * arrays
 
     def by_sweep(threads: int) -> Callable[[], None]:
-        sweeper = sweepers[threads]
-        sequence = sweeper.sequence(16)
+        sampler = samplers[threads]
+        sequence = sampler.sequence(16)
 
         def run() -> None:
-            for _ in sweeper.stream(design, sequence, chunk_ranges(0, count // 16, 16)):
+            for _ in sampler.stream(design, sequence, chunk_ranges(0, count // 16, 16)):
                 pass
 
         return run

@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
+from pmopt.analysis.sampling.tallies import Tallies
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Design, Sweeper, Tallies
 from pmopt.compiler import program_text
 from pmopt.compiler.machine_code import TARGETS
 from pmopt.mechanisms import find, names
@@ -28,13 +30,13 @@ REPEATS = 9
 class Case(NamedTuple):
     """A sweep ready to be run."""
 
-    sweeper: Sweeper
+    sampler: Sampler
     design: Design
     points: Sequence
 
     def run(self, count: int) -> Tallies:
         """Sweep the first points."""
-        return self.sweeper.tally([self.design], self.points, 0, count)
+        return self.sampler.evaluator.tally([self.design], self.points, 0, count)
 
 
 def made(target: str, name: str) -> Case:
@@ -42,8 +44,8 @@ def made(target: str, name: str) -> Case:
     os.environ["PMOPT_TARGET"] = target
     program_text._loaded.clear()  # texts are kept with the code of the target they were loaded for
     mechanism = find(name)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1, notify=print)
-    case = Case(sweeper, sweeper.design(mechanism.resolve({})), sweeper.sequence(1))
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1, notify=print)
+    case = Case(sampler, sampler.design(mechanism.resolve({})), sampler.sequence(1))
     case.run(4096)
     return case
 

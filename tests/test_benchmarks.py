@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find, names
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
@@ -101,9 +101,9 @@ def test_kernels_notice_a_wrong_reference(kernels, monkeypatch, tmp_path):
 )
 def test_disagreement_tells_every_sum(kernels, tmp_path, field, change, told):
     mechanism = find("2pauu-ppap")
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    design, points = sweeper.design(mechanism.resolve({})), sweeper.sequence(2)
-    ours = sweeper.tally([design], points, 0, 1000)
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    design, points = sampler.design(mechanism.resolve({})), sampler.sequence(2)
+    ours = sampler.evaluator.tally([design], points, 0, 1000)
     theirs = kernels.build(mechanism.name, 256, tmp_path)(design, points, 0, 1000)
     assert kernels.disagreement(ours, theirs) is None
     wrong = theirs._replace(**{field: change(getattr(theirs, field))})

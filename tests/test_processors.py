@@ -19,8 +19,8 @@ from support.cli_runner import COMMAND, environment, error_line, pmopt
 
 import pmopt as package
 from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.compiler.programs import assembling
 from pmopt.mechanisms import find, names
 from pmopt.numerics import elementary, matrices
@@ -136,8 +136,8 @@ ALLOWED = {
     "numerics/elementary.py": {"math.log"},  # raises as that does
     "analysis/certification/volume.py": {"math.log"},  # of 2
     "analysis/regions/sections.py": {"math.log10"},  # rounded down
-    "analysis/workspace/cells.py": {"@"},  # of whole numbers
-    "analysis/workspace/compute.py": {"math.log2"},  # of a whole number, rounded up
+    "analysis/sampling/cells.py": {"@"},  # of whole numbers
+    "analysis/sampling/measuring.py": {"math.log2"},  # of a whole number, rounded up
 }
 
 
@@ -191,7 +191,8 @@ def test_kernels_call_no_library_function():
             for k in Mover(mechanism, mechanism.resolve({}), mechanism.check_mode(None)).kernels
         }
         for norm in ("2", "fro"):
-            texts |= {k.text for k in Sweeper(mechanism, WorkspaceSettings(norm=norm)).kernels}
+            sampler = make_sampler(mechanism, WorkspaceSettings(norm=norm))
+            texts |= {k.text for k in sampler.evaluator.kernels}
     assert len(texts) > 15
     for text in texts:
         found = set(re.findall(r"\b(?:math|np)\.\w+", text))

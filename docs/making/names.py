@@ -56,10 +56,10 @@ def toml() -> Iterator[Finding]:
 def constants() -> Iterator[Statement]:
     """Yield sizes that the program chooses: grids, first samples, blocks, times to wait."""
     from pmopt.analysis.certification.bisection import MAX_OPEN
+    from pmopt.analysis.sampling.aspects import CELLS
+    from pmopt.analysis.sampling.tallies import BLOCK_CHUNKS, CHUNK
     from pmopt.analysis.settings import DEFAULT_REPLICATES
-    from pmopt.analysis.workspace.aspects import CELLS
     from pmopt.analysis.workspace.shape import DEFAULT_GRIDS
-    from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK
     from pmopt.execution.scheduler import PATIENCE
     from pmopt.kernels.sweep import BLOCK
     from pmopt.mechanisms.bodies import STEEL

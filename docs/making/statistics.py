@@ -13,10 +13,12 @@ import pmopt
 from making.figures import Figure, rounded
 from making.pages import Says, Statement
 from making.registry import maker
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.estimates import Estimates, from_replicates
+from pmopt.analysis.sampling.measuring import measure_on_grid, measure_to_target
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
+from pmopt.analysis.sampling.tallies import BINS
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.workspace.compute import measure_on_grid, measure_to_target
-from pmopt.analysis.workspace.estimates import Estimates, from_replicates
-from pmopt.analysis.workspace.sweeper import BINS, Design, Sweeper
 from pmopt.mechanisms import find
 
 PAGE, CAPABILITY = "docs/method.md", "docs/capability.md"
@@ -33,22 +35,25 @@ CASES = (
 
 @cache
 def _prepared(name: str, params: tuple[tuple[str, float], ...], settings: tuple[tuple[str, str]],
-              sampler: str) -> tuple[Sweeper, Design]:  # fmt: skip
-    sweeper = Sweeper(find(name), WorkspaceSettings(sampler=sampler, **dict(settings)), threads=1)
-    return sweeper, sweeper.design(sweeper.mechanism.resolve(dict(params)))
+              sampler: str) -> tuple[Sampler, Design]:  # fmt: skip
+    mechanism, asked = find(name), WorkspaceSettings(sampler=sampler, **dict(settings))
+    made = make_sampler(mechanism, asked, threads=1)
+    return made, made.design(mechanism.resolve(dict(params)))
 
 
 def prepared(name: str, params: dict[str, float], sampler: str = "r-sequence",
-             **settings: str) -> tuple[Sweeper, Design]:  # fmt: skip
-    """Return a sweeper, whose seed is set for each run, and a design."""
+             **settings: str) -> tuple[Sampler, Design]:  # fmt: skip
+    """Return a sampler, of which each run takes one with its seed, and a design."""
     return _prepared(name, tuple(params.items()), tuple(settings.items()), sampler)
 
 
-def sampled_by(sweeper: Sweeper, design: Design, samples: int, seed: int) -> Estimates:
+def sampled_by(sampler: Sampler, design: Design, samples: int, seed: int) -> Estimates:
     """Return the estimates of one run."""
-    sweeper.seed = seed
+    sampler = sampler.with_seed(seed)
     replicates, each = split_samples(samples, None)
-    return from_replicates(sweeper.tally([design], sweeper.sequence(replicates), 0, each, BINS))
+    return from_replicates(
+        sampler.evaluator.tally([design], sampler.sequence(replicates), 0, each, BINS)
+    )
 
 
 def within(scores: Iterable[float] | NDArray[np.float64]) -> list[float]:
@@ -67,9 +72,9 @@ def spans(shares: list[list[float]]) -> tuple[Figure, ...]:
 def torus() -> Iterator[Statement]:
     """Yield how errors of a known volume compare with the stated ones, over 100 seeds."""
     found = []
-    for sampler, samples in (("r-sequence", 200_000), ("monte-carlo", 20_000)):
-        sweeper, design = prepared("2pauu-ppap", TORUS, sampler)
-        volumes = [sampled_by(sweeper, design, samples, seed).volume for seed in range(100)]
+    for kind, samples in (("r-sequence", 200_000), ("monte-carlo", 20_000)):
+        sampler, design = prepared("2pauu-ppap", TORUS, kind)
+        volumes = [sampled_by(sampler, design, samples, seed).volume for seed in range(100)]
         found.append(np.array([(v.value - VOLUME) / v.error for v in volumes]))
     # The deviation of 100 is good to 7 %.
     first, second = (rounded(float(s.std()), ".2f", within=0.2) for s in found)
@@ -88,10 +93,10 @@ def quantiles() -> Iterator[Statement]:
     shares = []
     for name, params, settings in CASES:
         truth = sampled_by(*prepared(name, params, "lines", **settings), 1 << 24, 99).quantiles
-        for sampler in SAMPLERS:
-            sweeper, design = prepared(name, params, sampler, **settings)
+        for kind in SAMPLERS:
+            sampler, design = prepared(name, params, kind, **settings)
             for samples in (2_000, 100_000):
-                runs = [sampled_by(sweeper, design, samples, s).quantiles for s in range(400)]
+                runs = [sampled_by(sampler, design, samples, s).quantiles for s in range(400)]
                 for k, wanted in enumerate(truth):
                     off = [(r[k].value - wanted.value) / r[k].error for r in runs]
                     shares.append(within(off))
@@ -106,11 +111,11 @@ def quantiles() -> Iterator[Statement]:
 @maker("bounds-of-grids", slow=True)
 def grids() -> Iterator[Statement]:
     """Yield how the bounds of grids hold on a torus of known volume."""
-    sweeper, design = prepared("2pauu-ppap", TORUS)
+    sampler, design = prepared("2pauu-ppap", TORUS)
     sizes = range(12, 139, 2)
     off = [
         (abs(v.value - VOLUME) / v.error)
-        for v in (measure_on_grid(sweeper, design, cells)[1].volume for cells in sizes)
+        for v in (measure_on_grid(sampler, design, cells)[1].volume for cells in sizes)
     ]
     beyond = sum(o > 1 for o in off)
     yield Says(
@@ -127,18 +132,17 @@ def targets() -> Iterator[Statement]:
     """Yield how often errors hold where a run ends at a target error, over 400 seeds."""
     truth = sampled_by(*prepared("2pauu-ppap", {}, "lines"), 1 << 24, 99)
     shares, counts = [], {}
-    for sampler in SAMPLERS:
-        sweeper, design = prepared("2pauu-ppap", {}, sampler)
+    for kind in SAMPLERS:
+        sampler, design = prepared("2pauu-ppap", {}, kind)
         for target in (0.1, 0.03, 0.01, 0.003):
             runs = []
             for seed in range(400):
-                sweeper.seed = seed
-                runs.append(measure_to_target(sweeper, design, target)[1])
+                runs.append(measure_to_target(sampler.with_seed(seed), design, target)[1])
             for key in ("volume", "gci"):
                 wanted = getattr(truth, key).value
                 ends = [getattr(r, key) for r in runs]
                 shares.append(within([(e.value - wanted) / e.error for e in ends]))
-            counts[sampler, target] = float(np.mean([r.samples for r in runs]))
+            counts[kind, target] = float(np.mean([r.samples for r in runs]))
     yield Says(
         PAGE,
         "volume and GCI were within one stated error in {} to {} %, within two in {} to {} %, "

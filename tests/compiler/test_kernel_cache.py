@@ -133,7 +133,7 @@ def test_code_for_another_kind_of_processor_is_another_folder(cache, monkeypatch
 
 FOLDERS = """
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.mechanisms import find, names
 from pmopt.compiler import programs
 for name in names():
@@ -142,8 +142,8 @@ for name in names():
     for sampler in ("r-sequence", *(["lines"] if mechanism.line else [])):
         settings = WorkspaceSettings(
             sampler=sampler, link_diameter=0.1, cone_angle=1.0 if mechanism.cones else None)
-        sweeper = Sweeper(mechanism, settings)
-        print(name, sampler, *sorted(k.folder.name for k in sweeper.kernels))
+        evaluator = make_sampler(mechanism, settings).evaluator
+        print(name, sampler, *sorted(k.folder.name for k in evaluator.kernels))
 print("cells", "all", programs.counting().folder.name)
 """
 CATALOGUE = "mechanisms/catalogue"
@@ -252,7 +252,7 @@ def test_a_full_cache_costs_time_only(cache, monkeypatch, call):
 #: Compiles one small entry.
 SCRIPT = """
 import numpy as np
-from pmopt.analysis.workspace import cells
+from pmopt.analysis.sampling import cells
 print(cells.hull(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 3.0], [0.5, 0.5]])).tolist())
 """
 

@@ -8,10 +8,10 @@ import pytest
 from support.cli_runner import COMMAND, Terminal, environment, json_answer
 
 from pmopt import api
+from pmopt.analysis.sampling import cells
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.warmup import warm_up
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace import cells
-from pmopt.analysis.workspace.sweeper import Sweeper
-from pmopt.analysis.workspace.warmup import warm_up
 from pmopt.compiler import machine_code, programs
 from pmopt.mechanisms import find
 
@@ -26,8 +26,8 @@ def nothing_kept(empty_cache, monkeypatch):
 
 def test_all_that_a_workspace_needs(nothing_kept):
     told = []
-    sweeper = Sweeper(find("2pauu-ppap"), WorkspaceSettings(), notify=told.append)
-    assert warm_up([sweeper], 2) == {"2pauu-ppap": 6}
+    sampler = make_sampler(find("2pauu-ppap"), WorkspaceSettings(), notify=told.append)
+    assert warm_up([sampler.evaluator], 2) == {"2pauu-ppap": 6}
     assert len(told) == 1
     assert "compiling the kernels of 2pauu-ppap" in told[0]
     kept = sorted(path.name for path in nothing_kept.glob("*/*.o"))
@@ -35,7 +35,7 @@ def test_all_that_a_workspace_needs(nothing_kept):
         "advance.o", "chain.o", "field.o", "label_runs.o", "lattice.o", "locate.o", "outline.o",
         "points.o", "probe.o", "sweep.o",
     ]  # fmt: skip
-    assert warm_up([sweeper], 2) == {"2pauu-ppap": 0}
+    assert warm_up([sampler.evaluator], 2) == {"2pauu-ppap": 0}
     assert len(told) == 1
 
 
@@ -94,11 +94,11 @@ def test_progress_on_a_terminal(tmp_path, monkeypatch):
 
 def test_progress_counts_what_is_compiled(nothing_kept):
     told = []
-    sweeper = Sweeper(find("2pauu-ppap"), WorkspaceSettings())
-    warm_up([sweeper], 2, shapes=False, progress=lambda *counts: told.append(counts))
+    sampler = make_sampler(find("2pauu-ppap"), WorkspaceSettings())
+    warm_up([sampler.evaluator], 2, shapes=False, progress=lambda *counts: told.append(counts))
     assert len(told) > 1
     assert told == [(k, len(told) - 1) for k in range(len(told))]
-    warm_up([sweeper], 2, shapes=False, progress=lambda *counts: told.append(counts))
+    warm_up([sampler.evaluator], 2, shapes=False, progress=lambda *counts: told.append(counts))
     assert told[-1][0] == len(told) - 1
 
 

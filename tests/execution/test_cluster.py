@@ -21,11 +21,13 @@ from support.cli_runner import (
     wait_for,
 )
 
+from pmopt.analysis.sampling import blocks
+from pmopt.analysis.sampling.measuring import Course
+from pmopt.analysis.sampling.partial_sums import Sums
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import block_ranges
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace import blocks
 from pmopt.analysis.workspace.compute import compute_workspace
-from pmopt.analysis.workspace.partial_sums import Sums
-from pmopt.analysis.workspace.sweeper import Sweeper, block_ranges
 from pmopt.errors import InputError, PmoptError
 from pmopt.execution.cluster import Cluster, _Task
 from pmopt.mechanisms import find
@@ -69,7 +71,11 @@ def test_workspace_on_a_cluster_is_the_same(client, name):
     mechanism, settings = find(MECH), WorkspaceSettings(**SETTINGS[name])
     one, two, spread = (
         compute_workspace(mechanism, {}, settings, seed=3, shape_grid=0, **where).to_dict()
-        for where in ({"threads": 1}, {"threads": 2}, {"threads": 1, "cluster": client})
+        for where in (
+            {"threads": 1},
+            {"threads": 2},
+            {"threads": 1, "course": Course(cluster=client)},
+        )
     )
     assert json.dumps(one) == json.dumps(two) == json.dumps(spread)
 
@@ -80,12 +86,12 @@ def test_several_blocks_are_what_is_tested():
 
 def test_blocks_come_in_order_and_are_told(client):
     mechanism = find(MECH)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    design, points = sweeper.design(mechanism.resolve({})), sweeper.sequence(16)
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    design, points = sampler.design(mechanism.resolve({})), sampler.sequence(16)
     ends = []
-    spread = list(blocks.blocks_on(client, sweeper, design, points, 7, 800_000, ends.append))
+    spread = list(blocks.blocks_on(client, sampler, design, points, 7, 800_000, ends.append))
     assert ends == [stop for _, stop in block_ranges(7, 800_000, 16)]
-    own = list(sweeper.blocks(design, points, 7, 800_000, lambda count: None))
+    own = list(sampler.blocks(design, points, 7, 800_000, lambda count: None))
     assert len(own) == len(spread) == len(ends) > 2
     for a, b in zip(own, spread, strict=True):
         assert a.points == b.points
@@ -102,10 +108,13 @@ def test_a_run_begun_here_ends_on_a_cluster_and_back(client):
         kept[sums.chunks] = sums
 
     options = {"shape_grid": 0, "threads": 1}
-    whole = compute_workspace(mechanism, {}, settings, keep=keep, **options).to_dict()
+    whole = compute_workspace(
+        mechanism, {}, settings, course=Course(keep=keep), **options
+    ).to_dict()
     assert len(kept) == 3
     for sums in kept.values():
-        on = compute_workspace(mechanism, {}, settings, begun=sums, cluster=client, **options)
+        course = Course(sums, cluster=client)
+        on = compute_workspace(mechanism, {}, settings, course=course, **options)
         assert on.to_dict() == whole
 
 

@@ -12,9 +12,10 @@ from support.poses import box, constants_of, random_poses, reachable, ready
 from pmopt.analysis.kinematics.inverse import inverse_kinematics
 from pmopt.analysis.kinematics.jacobian import jacobian_at
 from pmopt.analysis.kinematics.limits import of_limb
+from pmopt.analysis.sampling.estimates import from_replicates, of_population
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import BINS
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.estimates import from_replicates, of_population
-from pmopt.analysis.workspace.sweeper import BINS, Sweeper
 from pmopt.compiler.records import flat
 from pmopt.errors import InputError, PmoptError
 from pmopt.kernels import sweep
@@ -140,7 +141,7 @@ def test_defaults_are_feasible(mechanism):
     """The default design has a workspace within the default domain."""
     params = mechanism.resolve({})
     assert set(params) == {p.name for p in mechanism.parameters}
-    design = Sweeper(mechanism, WorkspaceSettings()).design(params)
+    design = make_sampler(mechanism, WorkspaceSettings()).design(params)
     assert design.box_volume > 0
     assert mechanism.characteristic_length(params) > 0
     assert reachable(mechanism, params, 1)
@@ -332,9 +333,9 @@ def test_all_branches_assemble(every_mechanism):
 # --- compiled sweep against a loop --------------------------------------------------------
 
 
-def naive_sweep(sweeper, design, points, count):
+def naive_sweep(sampler, design, points, count):
     """Return (margins, indices) of each replicate, pose by pose in plain Python."""
-    mechanism = sweeper.mechanism
+    mechanism = sampler.space.mechanism
     order = len(mechanism.joints)
     results = []
     for replicate in range(points.replicates):
@@ -345,7 +346,7 @@ def naive_sweep(sweeper, design, points, count):
             margins.append(margin)
             if margin >= 0:
                 matrix = np.reshape(entries, (order, order))
-                indices.append(naive.inverse_condition(matrix, sweeper.settings.norm))
+                indices.append(naive.inverse_condition(matrix, sampler.space.settings.norm))
         results.append((np.array(margins), np.array(indices)))
     return results
 
@@ -395,18 +396,18 @@ def settings_of(mechanism, case):
 def test_compiled_sweep_equals_a_loop(mechanism, case):
     """Counts, sums, extremes, regions and histogram of some blocks, the last one not full."""
     settings = settings_of(mechanism, case)
-    sweeper = Sweeper(mechanism, settings, seed=3, threads=1)
-    design = sweeper.design(mechanism.resolve({}))
+    sampler = make_sampler(mechanism, settings, seed=3, threads=1)
+    design = sampler.design(mechanism.resolve({}))
     if settings.grid:
         points = make_grid(len(mechanism.pose), settings.grid)
         count = settings.grid ** len(mechanism.pose)
     else:
-        points, count = sweeper.sequence(3), 2 * sweep.BLOCK + 77
-    tallies = sweeper.tally([design], points, 0, count, BINS)
+        points, count = sampler.sequence(3), 2 * sweep.BLOCK + 77
+    tallies = sampler.evaluator.tally([design], points, 0, count, BINS)
     edges = settings.regions[1:-1]
     assert tallies.points == count
     assert tallies.box[0] == pytest.approx(np.prod(design.width), rel=1e-15)
-    for r, (margins, indices) in enumerate(naive_sweep(sweeper, design, points, count)):
+    for r, (margins, indices) in enumerate(naive_sweep(sampler, design, points, count)):
         kept = indices[indices >= settings.min_lci]
         assert len(kept) > 20
         assert tallies.within[0, r] == len(indices) == (margins >= 0).sum()
@@ -423,13 +424,13 @@ def test_compiled_sweep_equals_a_loop(mechanism, case):
 
 def test_chunks_add_up_to_the_whole(mechanism):
     """Any split at block boundaries gives the same counts; sums differ in the last digit."""
-    for sampler in ("r-sequence", "sobol", "monte-carlo"):
-        sweeper = Sweeper(mechanism, WorkspaceSettings(sampler=sampler), threads=1)
-        design = sweeper.design(mechanism.resolve({}))
-        points = sweeper.sequence(4)
-        whole = sweeper.tally([design], points, 0, 5000, BINS)
-        parts = sweeper.tally([design], points, 0, 2 * sweep.BLOCK, BINS)
-        parts.add(sweeper.tally([design], points, 2 * sweep.BLOCK, 5000, BINS))
+    for kind in ("r-sequence", "sobol", "monte-carlo"):
+        sampler = make_sampler(mechanism, WorkspaceSettings(sampler=kind), threads=1)
+        design = sampler.design(mechanism.resolve({}))
+        points = sampler.sequence(4)
+        whole = sampler.evaluator.tally([design], points, 0, 5000, BINS)
+        parts = sampler.evaluator.tally([design], points, 0, 2 * sweep.BLOCK, BINS)
+        parts.add(sampler.evaluator.tally([design], points, 2 * sweep.BLOCK, 5000, BINS))
         assert parts.points == whole.points == 5000
         for name in ("reachable", "within", "smallest", "largest", "above", "histogram"):
             assert (getattr(parts, name) == getattr(whole, name)).all(), name
@@ -440,13 +441,13 @@ def test_margin_of_an_empty_sample_is_the_best_met(mechanism):
     """Out of reach everywhere: the largest margin tells how far from feasible a design is."""
     params = mechanism.resolve({})
     lower, upper = mechanism.reach_box(params, mechanism.default_limits(params))
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    design = sweeper.design(params)
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    design = sampler.design(params)
     k = [c.kind for c in mechanism.pose].index("length")  # a turn more would be the same angle
     design.lower[k] = upper[k] + 0.1 * (upper - lower)[k]
-    points = sweeper.sequence(2)
-    tallies = sweeper.tally([design], points, 0, 700)
-    for r, (margins, _) in enumerate(naive_sweep(sweeper, design, points, 700)):
+    points = sampler.sequence(2)
+    tallies = sampler.evaluator.tally([design], points, 0, 700)
+    for r, (margins, _) in enumerate(naive_sweep(sampler, design, points, 700)):
         assert margins.max() < 0
         assert tallies.margin[0, r] == pytest.approx(margins.max(), rel=1e-12)
         assert tallies.reachable[0, r] == 0
@@ -456,26 +457,26 @@ def test_margin_of_an_empty_sample_is_the_best_met(mechanism):
 def test_population_equals_designs_one_by_one(mechanism, threads):
     """A whole population on any number of threads, bit by bit; an empty design among them."""
     settings = WorkspaceSettings(sampler="sobol", regions=(0, 0.2, 1))
-    sweeper = Sweeper(mechanism, settings, threads=threads)
+    sampler = make_sampler(mechanism, settings, threads=threads)
     scales = (1.0, 1.1, 0.9, 1.2, 0.8)
     sized = [p.name for p in mechanism.parameters if p.bounds and p.kind == "length"]
     designs = [
-        sweeper.design(mechanism.resolve({sized[0]: s * mechanism.resolve({})[sized[0]]}))
+        sampler.design(mechanism.resolve({sized[0]: s * mechanism.resolve({})[sized[0]]}))
         for s in scales
     ]
     # An empty box at a reachable pose: a single point repeated, which must not count.
-    empty = sweeper.design(mechanism.resolve({}))
+    empty = sampler.design(mechanism.resolve({}))
     empty.lower[:] = list(reachable(mechanism, mechanism.resolve({}), 1)[0][0].values())
     empty.width[:] = 0
     designs.insert(2, empty)
-    points = sweeper.sequence(4)
-    whole = sweeper.tally_population(designs, points, 3000)
+    points = sampler.sequence(4)
+    whole = sampler.tally_population(designs, points, 3000)
     population = of_population(whole)
     assert population.volume[2] == 0
     assert not whole.reachable[2].any()
     assert math.isnan(population.gci[2])
     for i, design in enumerate(designs):
-        single = sweeper.tally([design], points, 0, 3000, BINS)
+        single = sampler.evaluator.tally([design], points, 0, 3000, BINS)
         for name in ("box", "reachable", "total", "smallest", "largest", "margin", "above"):
             assert (getattr(whole, name)[i] == getattr(single, name)[0]).all(), name
         if i == 2:
@@ -492,11 +493,11 @@ def test_field_equals_the_kernel(mechanism):
     """Inside, outside and far off: the index is finite, continued, and 0 where J is lost."""
     params = mechanism.resolve({})
     for norm in ("2", "fro"):
-        sweeper = Sweeper(mechanism, WorkspaceSettings(norm=norm), threads=2)
-        design = sweeper.design(params)
+        sampler = make_sampler(mechanism, WorkspaceSettings(norm=norm), threads=2)
+        design = sampler.design(params)
         poses = random_poses(mechanism, params, 500, margin=0.5)
         columns = np.array([list(p.values()) for p in poses]).T
-        margin, lci = sweeper.field(design, columns)
+        margin, lci = sampler.evaluator.field(design, columns)
         order = len(mechanism.joints)
         for i, pose in enumerate(poses):
             expected, *entries = mechanism.kernel(*pose.values(), constants_of(mechanism, design))

@@ -11,8 +11,8 @@ from pmopt.analysis.certification.enclosing import enclose
 from pmopt.analysis.kinematics.jacobian import jacobian_at
 from pmopt.analysis.mobility.freedom import mobility_of
 from pmopt.analysis.regions.sections import section_fields
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import registry
 from pmopt.reporting.pictures.drawing import draw_mechanism
 from pmopt.testing import check_mechanism, kept
@@ -128,7 +128,7 @@ def test_they_are_drawn(name):
 @every
 def test_their_kernels_are_proven_of(name):
     mechanism = MECHANISMS[name]
-    design = Sweeper(mechanism, WorkspaceSettings(), threads=1).design(mechanism.resolve({}))
+    design = make_sampler(mechanism, WorkspaceSettings(), threads=1).design(mechanism.resolve({}))
     assert enclose(mechanism, design) is not None
 
 
@@ -163,8 +163,8 @@ def test_every_command(name, plugged, tmp_path):
 @pytest.mark.slow
 def test_the_section_of_two_coordinates_is_the_workspace():
     mechanism = five_bar.MECHANISM
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=1)
-    (section,) = section_fields(sweeper, sweeper.design(mechanism.resolve({})), 60)
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
+    (section,) = section_fields(sampler, sampler.design(mechanism.resolve({})), 60)
     assert section.names == ("x", "y")
     assert section.plane == "all poses"
     assert 0.5 < (section.inside >= 0).mean() < 0.95

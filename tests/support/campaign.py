@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK
+from pmopt.analysis.sampling.tallies import BLOCK_CHUNKS, CHUNK
 from pmopt.reporting.runs import workspace_checkpoint
 from support import fuzz_checks, fuzzing, interrupting
 from support.killing import Killed, checkpoints, kill_and_resume, outputs, start

@@ -217,6 +217,7 @@ class Design:
     @named
     def workspace(self, **options: Unpack[WorkspaceOptions]) -> WorkspaceResult:
         """Sample the workspace, see :func:`pmopt.workspace`."""
+        from pmopt.analysis.sampling.measuring import Course
         from pmopt.analysis.workspace.compute import compute_workspace
         from pmopt.analysis.workspace.emptiness import require_reachable
         from pmopt.api.results.workspace import WorkspaceResult
@@ -229,7 +230,7 @@ class Design:
             result = compute_workspace(
                 self.mechanism, self.parameters, settings, seed=options.get("seed", 1),
                 threads=options.get("threads"), shape_grid=options.get("shape_grid"),
-                cluster=cluster,
+                course=Course(cluster=cluster),
             )  # fmt: skip
         require_reachable(
             result.reachable, self.mechanism, result.params, settings, "workspace", result.samples
@@ -250,7 +251,7 @@ class Design:
             ``resolution``: points along each axis, 400 by default.
         """
         from pmopt.analysis.regions.sections import READS, section_fields
-        from pmopt.analysis.workspace.aspects import make_sweeper
+        from pmopt.analysis.sampling.sampler import make_sampler
 
         settings = self._settings(options, "sections", ("threads", "resolution"))
         READS.check(settings)
@@ -259,10 +260,10 @@ class Design:
             raise InputError(
                 f"sections: resolution={resolution} is not allowed: 2 to {_FINEST} points"
             )
-        sweeper = make_sweeper(
+        sampler = make_sampler(
             self.mechanism, settings, threads=options.get("threads"), where="sections"
         )
-        return section_fields(sweeper, sweeper.design(self.parameters), resolution)
+        return section_fields(sampler, sampler.design(self.parameters), resolution)
 
     @named
     def reach(self, pose: Values) -> tuple[Reach, ...]:

@@ -239,9 +239,10 @@ def warmup(
     from pmopt.analysis.kinematics.forward import Assembling
     from pmopt.analysis.kinematics.inverse import Inverting
     from pmopt.analysis.motion.dynamics import Mover
+    from pmopt.analysis.sampling.design_space import DesignSpace
+    from pmopt.analysis.sampling.evaluator import Evaluator
+    from pmopt.analysis.sampling.warmup import warm_up
     from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.workspace.sweeper import Sweeper
-    from pmopt.analysis.workspace.warmup import warm_up
     from pmopt.execution.threads import default_threads
 
     told: set[str] = set()
@@ -251,12 +252,14 @@ def warmup(
             told.add(line)
             notify(line)
 
-    users: list[Sweeper | Mover | Assembling | Inverting] = []
+    users: list[Evaluator | Mover | Assembling | Inverting] = []
     for name in mechanisms or names():
         found = find(name)
-        users.append(Sweeper(found, WorkspaceSettings(), notify=once))
+        users.append(Evaluator.of(DesignSpace.of(found, WorkspaceSettings()), notify=once))
         if found.line is not None:
-            users.append(Sweeper(found, WorkspaceSettings(sampler="lines"), notify=once))
+            users.append(
+                Evaluator.of(DesignSpace.of(found, WorkspaceSettings(sampler="lines")), notify=once)
+            )
         if found.posture is not None:
             users.append(Mover(found, found.resolve({}), found.working_modes[0]))
         if found.assembler is not None:

@@ -1,6 +1,6 @@
 """Sets of cells and outlines of points: the counting behind shapes.
 
-Called by :mod:`pmopt.analysis.workspace.cells`, which prepares the arrays. Nothing is allocated
+Called by :mod:`pmopt.analysis.sampling.cells`, which prepares the arrays. Nothing is allocated
 here, and nothing raises.
 """
 

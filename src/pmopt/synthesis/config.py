@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pmopt.analysis.reads import TOOL_NEEDS, Reads
+from pmopt.analysis.sampling.design_space import TOOL
 from pmopt.analysis.settings import (
     MECHANISM_KEY,
     FiniteFloat,
@@ -16,7 +17,6 @@ from pmopt.analysis.settings import (
     named_mechanism,
 )
 from pmopt.analysis.validation import read_config, validated
-from pmopt.analysis.workspace.sweeper import TOOL
 from pmopt.errors import InputError
 from pmopt.inputs.fields import Unit, UnitByName, UnitInWords
 from pmopt.inputs.overrides import overridden

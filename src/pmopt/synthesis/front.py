@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmopt.analysis.sampling.estimates import Estimates
 from pmopt.analysis.workspace.compute import number
-from pmopt.analysis.workspace.estimates import Estimates
 from pmopt.numerics.matrices import decomposed
 from pmopt.seeds import seed_sequence
 from pmopt.synthesis.optimise import hypervolume
@@ -216,7 +216,7 @@ def idle_directions(
     if problem.samples is None:
         return ()  # points differ from design to design
     count = len(problem.variables)
-    rng = np.random.Generator(np.random.PCG64(seed_sequence(problem.sweeper.seed, "idle")))
+    rng = np.random.Generator(np.random.PCG64(seed_sequence(problem.sampler.seed, "idle")))
     span = problem.upper - problem.lower
     centres = problem.lower + span * rng.uniform(_STEP, 1 - _STEP, (_PROBES, count))
     steps = _STEP * span * np.concatenate([np.eye(count), -np.eye(count)])

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from pmopt.analysis.workspace.estimates import PopulationEstimates
+from pmopt.analysis.sampling.estimates import PopulationEstimates
 from pmopt.analysis.workspace.projection import Projection
 from pmopt.mechanisms.mechanism import Mechanism
 from pmopt.units import ONE, measure_unit

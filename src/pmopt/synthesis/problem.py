@@ -15,18 +15,20 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.settings import split_samples
-from pmopt.analysis.workspace.aspects import make_sweeper
-from pmopt.analysis.workspace.compute import measure_on_grid, measure_to_target
-from pmopt.analysis.workspace.estimates import (
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.estimates import (
     Estimate,
     Estimates,
     PopulationEstimates,
     of_population,
 )
+from pmopt.analysis.sampling.evaluator import Notify
+from pmopt.analysis.sampling.measuring import measure_on_grid, measure_to_target
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
+from pmopt.analysis.sampling.tallies import Tallies
+from pmopt.analysis.sampling.warmup import warm_up
+from pmopt.analysis.settings import split_samples
 from pmopt.analysis.workspace.projection import Projection, measure_projection
-from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper, Tallies
-from pmopt.analysis.workspace.warmup import warm_up
 from pmopt.errors import InputError, PmoptError, UnreachableError
 from pmopt.execution.threads import ordered_map
 from pmopt.mechanisms import find
@@ -133,12 +135,11 @@ class DesignProblem:
         self._pace = 0.0  # s a sample on the cluster; not known before the first evaluation
         self.config = config
         self.mechanism = find(config.mechanism)
-        self.sweeper = make_sweeper(
+        self.sampler = make_sampler(
             self.mechanism, config.workspace, config.algorithm.seed, threads, notify
         )
-        #: The sweeper for work that is itself shared over threads.
-        self.alone = copy.copy(self.sweeper)
-        self.alone.threads = 1
+        #: The sampler for work that is itself shared over threads.
+        self.alone = self.sampler.on_threads(1)
         self._sequences: dict[int, Points] = {}
         self._final = self.alone.for_purpose("front samples")
         ranges = {k: v for k, v in config.parameters.items() if isinstance(v, tuple)}
@@ -165,7 +166,7 @@ class DesignProblem:
         self.samples = config.search_samples
         self._reasons: dict[tuple[float | None, ...], str] = {}
         if cluster is None:
-            warm_up([self.sweeper], self.sweeper.threads, shapes=self._projects)
+            warm_up([self.sampler.evaluator], self.sampler.threads, shapes=self._projects)
 
     @property
     def first_samples(self) -> int | None:
@@ -195,18 +196,18 @@ class DesignProblem:
         """Return a design ready to be swept; one that can not be made ready reaches nothing."""
         parameters = self.parameters(row)
         try:
-            return self.sweeper.design(parameters)
+            return self.sampler.design(parameters)
         except Exception as error:
             self._failed(parameters, error)
-            return self.sweeper.nothing(parameters)
+            return self.sampler.space.nothing(parameters)
 
-    def _project(self, sweeper: Sweeper, design: Design, samples: int) -> Projection:
+    def _project(self, sampler: Sampler, design: Design, samples: int) -> Projection:
         """Return what a design takes of space; where that fails, of nothing."""
         try:
-            return measure_projection(sweeper, design, samples)
+            return measure_projection(sampler, design, samples)
         except Exception as error:
             self._failed(design.parameters, error)
-            return measure_projection(sweeper, sweeper.nothing(design.parameters), samples)
+            return measure_projection(sampler, sampler.space.nothing(design.parameters), samples)
 
     def _failed(self, parameters: Parameters, error: Exception) -> None:
         """Record why one design can not be evaluated; raise what concerns all of them."""
@@ -294,9 +295,9 @@ class DesignProblem:
         """
         replicates, points = split_samples(samples, self.config.workspace.replicates)
         if replicates not in self._sequences:
-            self._sequences[replicates] = self.sweeper.sequence(replicates)
+            self._sequences[replicates] = self.sampler.sequence(replicates)
         sequence = self._sequences[replicates]
-        slices = min(len(variables), _SLICES * self.sweeper.threads)
+        slices = min(len(variables), _SLICES * self.sampler.threads)
 
         def ready() -> Iterator[list[Design]]:
             for rows in np.array_split(variables, slices):
@@ -307,7 +308,7 @@ class DesignProblem:
         parts = ordered_map(
             lambda part: self.alone.tally_population(part, sequence, points),
             ready(),
-            self.sweeper.threads,
+            self.sampler.threads,
         )
         return _joined(list(parts))
 
@@ -320,10 +321,10 @@ class DesignProblem:
         settings = self.config.workspace
         for design in designs:
             if settings.grid is not None:
-                tallies, found = measure_on_grid(self.sweeper, design, settings.grid)
+                tallies, found = measure_on_grid(self.sampler, design, settings.grid)
             else:
                 assert settings.target_error is not None
-                tallies, found = measure_to_target(self.sweeper, design, settings.target_error)
+                tallies, found = measure_to_target(self.sampler, design, settings.target_error)
             measured.append(found)
             slack.append(self._existence(tallies))
         arrays = {}
@@ -339,7 +340,7 @@ class DesignProblem:
             ordered_map(
                 lambda design: self._project(self.alone, design, samples),
                 designs,
-                self.sweeper.threads,
+                self.sampler.threads,
             )
         )
         return {
@@ -386,7 +387,7 @@ class DesignProblem:
                 self._reasons |= done.reasons
                 yield done.found
             return
-        yield from ordered_map(self._measure, variables, self.sweeper.threads)
+        yield from ordered_map(self._measure, variables, self.sampler.threads)
 
     def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
         target = self.config.final.target_error

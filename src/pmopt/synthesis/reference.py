@@ -12,9 +12,9 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.cells import hull
+from pmopt.analysis.sampling.cells import hull
+from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.workspace.projection import area, measure_footprint, replicate
-from pmopt.analysis.workspace.sweeper import Design
 from pmopt.errors import PmoptError
 from pmopt.execution.threads import ordered_map
 from pmopt.numerics.sequences import golden_steps, make_sequence
@@ -69,7 +69,7 @@ def _largest(problem: DesignProblem, name: str) -> float:
     All designs are looked at roughly, and those with the largest values measured.
     """
     assert name == "footprint"  # the only one
-    sweeper, rows = problem.alone, sample_designs(problem)
+    sampler, rows = problem.alone, sample_designs(problem)
     axes = len(problem.mechanism.pose)
     points = make_sequence("r-sequence", axes, _REPLICATES, seed_sequence(0, "reference"))
 
@@ -77,15 +77,17 @@ def _largest(problem: DesignProblem, name: str) -> float:
         design = _design(problem, row)
         if design is None:
             return np.nan
-        ends = sweeper.shadow(design, sweeper.points(design, replicate(points, 0), 0, _FEW))
+        ends = sampler.evaluator.shadow(
+            design, sampler.evaluator.points(design, replicate(points, 0), 0, _FEW)
+        )
         return area(hull(ends)) if len(ends) else np.nan
 
     def finely(row: NDArray[np.float64]) -> float:
         design = _design(problem, row)
         assert design is not None  # it has been looked at
-        return measure_footprint(sweeper, design, points, POSES // _REPLICATES).value
+        return measure_footprint(sampler, design, points, POSES // _REPLICATES).value
 
-    threads = problem.sweeper.threads
+    threads = problem.sampler.threads
     guesses = np.array(list(ordered_map(rough, rows, threads)))
     known = np.flatnonzero(np.isfinite(guesses))
     if len(known) == 0:

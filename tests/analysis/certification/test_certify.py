@@ -16,9 +16,9 @@ from pmopt.analysis.certification import curve_enclosure
 from pmopt.analysis.certification import proven_matrices as proofs
 from pmopt.analysis.certification.enclosing import enclose
 from pmopt.analysis.certification.volume import certify_volume
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace import compute as workspace
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.compiler import programs
 from pmopt.compiler.tracing import Graph, Untraceable, trace
 from pmopt.errors import InputError
@@ -183,15 +183,15 @@ DESIGNS = [
 
 def prepared(name, params, given):
     mechanism = find(name)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(**given))
-    design = sweeper.design(mechanism.resolve(params))
-    return sweeper, design, enclose(mechanism, design)
+    sampler = make_sampler(mechanism, WorkspaceSettings(**given))
+    design = sampler.design(mechanism.resolve(params))
+    return sampler, design, enclose(mechanism, design)
 
 
 @pytest.mark.parametrize(("name", "params", "given"), DESIGNS)
 def test_no_box_is_wrong(name, params, given):
     """No sampled pose of a box proven out is reachable, none of one proven in is not."""
-    sweeper, design, enclosure = prepared(name, params, given)
+    sampler, design, enclosure = prepared(name, params, given)
     rng = np.random.default_rng(7)
     count, points = 3000, 24
     first, widths, _ = enclosure.first()
@@ -207,7 +207,7 @@ def test_no_box_is_wrong(name, params, given):
     for _ in range(points):
         inside = centres + halves * rng.uniform(-1, 1, halves.shape)
         poses = (enclosure.lower + enclosure.width * inside).T
-        margin, _ = sweeper.field(design, poses)
+        margin, _ = sampler.evaluator.field(design, poses)
         # A box may be wider than the design's, which it is cut to.
         within += (margin >= 0) & (poses >= ends[0]).all(axis=0) & (poses <= ends[1]).all(axis=0)
     assert not within[high == 0].any()
@@ -224,10 +224,10 @@ def test_curve_of_configurations(mode):
     """
     domain = {"beta": (0.1, 0.3), "gamma": (-0.1, 0.2)}
     given = {"working_mode": mode, "domain": domain}
-    sweeper, design, enclosure = prepared("2uu-upu", {}, given)
+    sampler, design, enclosure = prepared("2uu-upu", {}, given)
     rng = np.random.default_rng(3)
     poses = (design.lower + design.width * rng.random((3000, 3))).T
-    margin, _ = sweeper.field(design, poses.copy())
+    margin, _ = sampler.evaluator.field(design, poses.copy())
     geometry = constants_of(find("2uu-upu"), design).geometry
     places = []
     for pose in poses.T.tolist():
@@ -269,13 +269,13 @@ CURVES = [
 ]  # fmt: skip
 
 
-def at_places(sweeper, design, enclosure, points):
+def at_places(sampler, design, enclosure, points):
     """Return P_x and its slope at points of the unit cube, reachability, and how far v is off.
 
     Reachable are the poses there; v is off from that of the root that the kernel finds.
     """
     places = enclosure.lower + enclosure.width * points
-    constants = constants_of(sweeper.mechanism, design)
+    constants = constants_of(sampler.space.mechanism, design)
     found = np.full((len(points), 2), -1.0)
     exists = np.zeros(len(points), dtype=bool)
     for k, place in enumerate(places.tolist()):
@@ -286,7 +286,7 @@ def at_places(sweeper, design, enclosure, points):
             pass
     poses = places.copy()
     poses[:, 0] = found[:, 0]
-    margin, _ = sweeper.field(design, np.ascontiguousarray(poses.T))
+    margin, _ = sampler.evaluator.field(design, np.ascontiguousarray(poses.T))
     ends = design.lower, design.lower + design.width
     within = (margin >= 0) & (poses >= ends[0]).all(axis=1) & (poses <= ends[1]).all(axis=1)
     return found, within & exists, kernel_places(design, poses) - places[:, 0]
@@ -309,7 +309,7 @@ def test_columns_are_told_right(params, given):
 
     What counts is the place of the root that the kernel finds.
     """
-    sweeper, design, enclosure = prepared("2uu-upu", params, given)
+    sampler, design, enclosure = prepared("2uu-upu", params, given)
     open_measure, parts = enclosure.open_measure, [enclosure.first()[:2]]
     for _ in range(9):
         parts.append(enclosure.more(0.5))
@@ -333,12 +333,12 @@ def test_columns_are_told_right(params, given):
     tiny = np.repeat(0.5 ** (levels + 1.0), 3, axis=1)
     anywhere = (2 * np.floor(rng.random((3000, 3)) * 2.0**levels) + 1) * tiny
     centres, halves = np.concatenate([inner, anywhere]), np.concatenate([halves, tiny])
-    constants = constants_of(sweeper.mechanism, design)
+    constants = constants_of(sampler.space.mechanism, design)
     low, high = enclosure.shares(centres, halves)
     assert (low == 1).any() and (high == 0).any()
     for _ in range(4):
         points = centres + halves * rng.uniform(-1, 1, halves.shape)
-        found, within, off = at_places(sweeper, design, enclosure, points)
+        found, within, off = at_places(sampler, design, enclosure, points)
         here = np.abs(off) < 1e-5
         # Near the end of the piece the root is told to the square root of rounding.
         clear = found[:, 1] > 1e-3
@@ -356,7 +356,7 @@ def test_columns_are_told_right(params, given):
     # Boxes that claims are about hold the place of every reachable pose.
     boxes = enclosure.whole()
     poses = design.lower + design.width * rng.random((2000, 3))
-    margin, _ = sweeper.field(design, np.ascontiguousarray(poses.T))
+    margin, _ = sampler.evaluator.field(design, np.ascontiguousarray(poses.T))
     poses = poses[margin > 1e-9]
     assert len(poses) > 20
     places = poses.copy()
@@ -368,7 +368,7 @@ def test_columns_are_told_right(params, given):
 @pytest.mark.parametrize(("params", "given"), CURVES)
 def test_measures_of_places(params, given):
     """2UU-UPU: bounds of what boxes hold against the mean of the slope over reachable places."""
-    sweeper, design, enclosure = prepared("2uu-upu", params, given)
+    sampler, design, enclosure = prepared("2uu-upu", params, given)
     enclosure.more(1.0)
     centres, halves, _ = enclosure.first()
     rng = np.random.default_rng(4)
@@ -384,7 +384,7 @@ def test_measures_of_places(params, given):
     assert (low <= high).all() and (low > 0).any() and (high == 0).any()
     count = 60
     points = (centres + sizes * rng.uniform(-1, 1, (count, *sizes.shape))).reshape(-1, 3)
-    found, within, _ = at_places(sweeper, design, enclosure, points)
+    found, within, _ = at_places(sampler, design, enclosure, points)
     rates = np.where(within & (found[:, 1] > 0), found[:, 1], 0.0).reshape(count, -1)
     error = 5 * rates.std(axis=0) / math.sqrt(count) + 1e-9
     # Of few places all may be alike by chance: what is left is less than 10 in 60 of the slope.
@@ -401,11 +401,11 @@ def test_mirror(params, given):
 
     The kernel itself says so.
     """
-    sweeper, design, enclosure = prepared("2uu-upu", params, given)
+    sampler, design, enclosure = prepared("2uu-upu", params, given)
     rng = np.random.default_rng(9)
     poses = (design.lower + design.width * rng.random((4000, 3))).T
     turned = poses * np.array([[1.0], [1.0], [-1.0]])
-    here, there = (sweeper.field(design, p.copy())[0] for p in (poses, turned))
+    here, there = (sampler.evaluator.field(design, p.copy())[0] for p in (poses, turned))
     same = np.abs(here - there) < 1e-9
     assert same.all() == (enclosure._mirrored == [2])
 

@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pmopt.analysis.sampling.aspects import determinants, map_aspects
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities.crossings import follow_path
 from pmopt.analysis.singularities.survey import find_singularities
-from pmopt.analysis.workspace.aspects import determinants, map_aspects
 from pmopt.analysis.workspace.compute import compute_workspace
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InfeasibleError, InputError, UnreachableError
 from pmopt.mechanisms import find
 
@@ -71,8 +71,8 @@ def test_same_for_any_number_of_threads(mechanism):
 def test_families_are_singular_and_walls_are_real(mechanism):
     """Fresh poses of a told slice have no Jacobian; at a told wall reach or sign ends."""
     result = surveyed(mechanism.name)
-    sweeper = Sweeper(mechanism, FEW)
-    design = sweeper.design(mechanism.resolve({}))
+    sampler = make_sampler(mechanism, FEW)
+    design = sampler.design(mechanism.resolve({}))
     names = [c.name for c in mechanism.pose]
     rng = np.random.default_rng(11)
     lower, upper = mechanism.reach_box(design.parameters, design.limits)
@@ -85,7 +85,7 @@ def test_families_are_singular_and_walls_are_real(mechanism):
             k = names.index(name)
             poses[k] = value
             inside &= design.lower[k] - 1e-9 <= value <= design.lower[k] + design.width[k] + 1e-9
-        margin, lci = sweeper.field(design, poses)
+        margin, lci = sampler.evaluator.field(design, poses)
         assert (margin >= 0).sum() > 5
         assert lci[margin >= 0].max() < 1e-7
         assert family.in_domain == inside
@@ -98,20 +98,20 @@ def test_families_are_singular_and_walls_are_real(mechanism):
         near = np.array([home, home]).T
         step = 1e-7 * design.width[k]
         near[k] = w.value - w.direction * step, w.value + w.direction * step
-        margin, _ = sweeper.field(design, near)
-        sign = np.sign(determinants(sweeper, design, near))
+        margin, _ = sampler.evaluator.field(design, near)
+        sign = np.sign(determinants(sampler.evaluator, design, near))
         assert margin[0] >= 0
         assert margin[1] < 0 or sign[0] != sign[1]
 
 
 def test_signs_are_those_of_the_determinant(mechanism):
     """The map's aspect of a random reachable pose has the sign of its determinant."""
-    sweeper = Sweeper(mechanism, FEW)
-    design = sweeper.design(mechanism.resolve({}))
-    found = map_aspects(sweeper, design)
-    poses = sweeper.points(design, sweeper.sequence(4), 0, 4096)
-    poses = poses[:, sweeper.field(design, poses)[0] >= 0]
-    dets = determinants(sweeper, design, poses)
+    sampler = make_sampler(mechanism, FEW)
+    design = sampler.design(mechanism.resolve({}))
+    found = map_aspects(sampler.evaluator, design)
+    poses = sampler.evaluator.points(design, sampler.sequence(4), 0, 4096)
+    poses = poses[:, sampler.evaluator.field(design, poses)[0] >= 0]
+    dets = determinants(sampler.evaluator, design, poses)
     labels = found.of(poses, dets)
     assert (labels > 0).mean() > 0.97
     signs = np.array((0, *found.signs))[labels]

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from pmopt.analysis.sampling.cells import hull, label, lattice_points
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.cells import hull, label, lattice_points
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find, names
 
 
@@ -65,12 +65,12 @@ def test_hull_of_points_on_a_grid(points):
 @pytest.mark.parametrize("name", names())
 def test_outline_bounds_all_ends(name, least):
     """The hull of the strips' extremes is that of all ends of links at the same poses."""
-    sweeper = Sweeper(find(name), WorkspaceSettings(min_lci=least))
-    design = sweeper.design(sweeper.mechanism.resolve({}))
-    points = sweeper.sequence(1)
-    every = sweeper.shadow(design, sweeper.points(design, points, 0, 40_000))
+    sampler = make_sampler(find(name), WorkspaceSettings(min_lci=least))
+    design = sampler.design(sampler.space.mechanism.resolve({}))
+    points = sampler.sequence(1)
+    every = sampler.evaluator.shadow(design, sampler.evaluator.points(design, points, 0, 40_000))
     assert len(every) > 1000
-    found = sweeper.outline(design, points, 0, 40_000)
+    found = sampler.evaluator.outline(design, points, 0, 40_000)
     assert len(found) < len(every) or least > 0
     # Of the same poses, whose numbers differ in the last digit where they are compiled apart.
     assert cKDTree(every).query(found)[0].max() < 1e-9 * np.ptp(every)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from support.poses import random_poses, reachable, ready
 
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.analysis.workspace.projection import measure_projection
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.kernels.segment_distance import segment_distance2
@@ -84,8 +84,8 @@ def test_margin_with_clearances(mechanism):
     link = float(np.quantile(between, 0.4))
     platform = max(2 * float(np.quantile(to_platform, 0.4)) - link, 0.1 * link)
     settings = WorkspaceSettings(link_diameter=link, platform_diameter=platform)
-    sweeper = Sweeper(mechanism, settings, threads=1)
-    margin, _ = sweeper.field(sweeper.design(params), columns(poses))
+    sampler = make_sampler(mechanism, settings, threads=1)
+    margin, _ = sampler.evaluator.field(sampler.design(params), columns(poses))
     free = (between >= link) & (to_platform >= (link + platform) / 2)
     # The pose whose distance is the quantile itself may fall on either side by rounding.
     told = (np.abs(between - link) > 1e-9 * link) & (
@@ -106,10 +106,10 @@ def test_margin_with_cones_and_tool(mechanism):
         places.append(position + rotation @ tool)
     low, high = np.quantile(places, [0.2, 0.8], axis=0).T[1]
     settings = WorkspaceSettings(cone_angle=0.5, tool=tool, limits={"tool_y": (low, high)})
-    sweeper = Sweeper(mechanism, settings, threads=1)
-    design = sweeper.design(params)
-    margin, _ = sweeper.field(design, columns(poses))
-    facts = sweeper.probe(design, columns(poses))
+    sampler = make_sampler(mechanism, settings, threads=1)
+    design = sampler.design(params)
+    margin, _ = sampler.evaluator.field(design, columns(poses))
+    facts = sampler.evaluator.probe(design, columns(poses))
     np.testing.assert_allclose(facts.tool, places, atol=1e-9 * size)
     np.testing.assert_allclose(facts.margin, margin, rtol=1e-12, atol=1e-14)
     verdicts = []
@@ -136,16 +136,16 @@ def test_limits_shrink_the_workspace(mechanism):
 
 def test_tool_limits_need_a_tool(mechanism):
     with pytest.raises(InputError, match="tool_x"):
-        Sweeper(mechanism, WorkspaceSettings(limits={"tool_x": (0.0, 1.0)}))
+        make_sampler(mechanism, WorkspaceSettings(limits={"tool_x": (0.0, 1.0)}))
 
 
 def test_projected_volume_of_translations_is_the_volume():
     """2PaUU-PPaP: poses are positions, and their volume is known."""
     mechanism = find("2pauu-ppap")
-    sweeper = Sweeper(mechanism, WorkspaceSettings())
+    sampler = make_sampler(mechanism, WorkspaceSettings())
     for change in ({}, {"n": 1.0}, {"l1": 1.2, "l2": 0.9}):
         params = mechanism.resolve(change)
-        found = measure_projection(sweeper, sweeper.design(params))
+        found = measure_projection(sampler, sampler.design(params))
         exact = compute_workspace(mechanism, change, shape_grid=0).volume.value
         assert abs(found.volume.value - exact) < 3 * found.volume.error
         assert found.volume.error < 0.1 * exact
@@ -155,19 +155,19 @@ def test_projected_volume_of_translations_is_the_volume():
 def test_footprint_of_few_samples_is_that_of_many(mechanism):
     """Hulls of few points are too small; what they miss is told."""
     params = mechanism.resolve({})
-    sweeper = Sweeper(mechanism, WorkspaceSettings())
-    design = sweeper.design(params)
-    many = measure_projection(sweeper, design, 1 << 20).footprint
-    few = measure_projection(sweeper, design, 1 << 15).footprint
+    sampler = make_sampler(mechanism, WorkspaceSettings())
+    design = sampler.design(params)
+    many = measure_projection(sampler, design, 1 << 20).footprint
+    few = measure_projection(sampler, design, 1 << 15).footprint
     assert abs(few.value - many.value) < 2.5 * few.error
     assert many.error < few.error < 0.12 * many.value
 
 
 def test_footprint_grows_with_the_base():
     mechanism = find("2pauu-ppap")
-    sweeper = Sweeper(mechanism, WorkspaceSettings())
+    sampler = make_sampler(mechanism, WorkspaceSettings())
     areas = [
-        measure_projection(sweeper, sweeper.design(mechanism.resolve({"m": m, "n": m})), 1 << 16)
+        measure_projection(sampler, sampler.design(mechanism.resolve({"m": m, "n": m})), 1 << 16)
         for m in (0.8, 1.0, 1.3)
     ]
     assert areas[0].footprint.value < areas[1].footprint.value < areas[2].footprint.value
@@ -178,8 +178,8 @@ def test_random_poses_are_told_apart(mechanism):
     """The positions told by a probe are those of the platform, for poses in and out of reach."""
     params = mechanism.resolve({})
     poses = random_poses(mechanism, params, 200)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(), threads=2)
-    facts = sweeper.probe(sweeper.design(params), columns(poses))
+    sampler = make_sampler(mechanism, WorkspaceSettings(), threads=2)
+    facts = sampler.evaluator.probe(sampler.design(params), columns(poses))
     assert np.isfinite(facts.position).all()
     assert np.isfinite(facts.segments).all()
     assert np.isfinite(facts.entries).all()
@@ -209,15 +209,15 @@ def test_projected_volume_where_it_is_known_otherwise(samples, largest):
     mechanism = find("3-cur")
     params = mechanism.resolve({})
     free = {f"h{k}": (-math.inf, math.inf) for k in (1, 2, 3)}
-    sweeper = Sweeper(mechanism, WorkspaceSettings())
-    design = sweeper.design(params)
+    sampler = make_sampler(mechanism, WorkspaceSettings())
+    design = sampler.design(params)
     limits = {**mechanism.default_limits(params), **free}
     unbounded = mechanism.kernel_constants(params, "up-up-up", 1.0, limits)
     tilts = np.linspace(-0.9, 0.9, 401)
     beta, gamma = (m.ravel() for m in np.meshgrid(tilts, tilts, indexing="ij"))
     poses = np.stack([0 * beta, beta, gamma])
-    inside = sweeper.field(replace(design, constants=flat(unbounded)), poses)[0] >= 0
-    facts = sweeper.probe(design, poses)
+    inside = sampler.evaluator.field(replace(design, constants=flat(unbounded)), poses)[0] >= 0
+    facts = sampler.evaluator.probe(design, poses)
     heights = facts.segments[:, :3, 0, 2]  # of the sliders where z is 0
     depth = np.where(inside, 0.3 - np.ptp(heights, axis=1), 0.0).clip(0).reshape(401, 401)
     x, y = (facts.position[:, k].reshape(401, 401) for k in (0, 1))
@@ -225,7 +225,7 @@ def test_projected_volume_where_it_is_known_otherwise(samples, largest):
     areas = x_b * y_g - x_g * y_b
     assert (areas[depth > 0] < 0).all()  # one sign: no position is met twice nearby
     exact = float((depth * np.abs(areas)).sum() * (tilts[1] - tilts[0]) ** 2)
-    found = measure_projection(sweeper, design, samples).volume
+    found = measure_projection(sampler, design, samples).volume
     assert abs(found.value - exact) < 2.5 * found.error
     assert found.error < largest * exact
 
@@ -234,9 +234,9 @@ def test_a_cavity_of_the_positions_is_a_void_and_no_volume():
     """A spindle torus' cavity, whole: neither counted with the positions nor filled by chance."""
     mechanism = find("2pauu-ppap")
     settings = WorkspaceSettings(domain={"z": (-math.inf, math.inf)})
-    sweeper = Sweeper(mechanism, settings)
+    sampler = make_sampler(mechanism, settings)
     change = {"m": 1, "n": 1, "l1": 1, "l2": 1.6}
-    found = measure_projection(sweeper, sweeper.design(mechanism.resolve(change)))
+    found = measure_projection(sampler, sampler.design(mechanism.resolve(change)))
     assert (found.shape.pieces, found.shape.voids, found.shape.confirmed) == (1, 1, True)
     exact = compute_workspace(mechanism, change, settings, shape_grid=0).volume.value
     assert abs(found.volume.value - exact) < 3 * found.volume.error

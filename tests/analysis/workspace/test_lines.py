@@ -7,10 +7,11 @@ import pytest
 from support import naive
 from support.poses import constants_of
 
+from pmopt.analysis.sampling.estimates import from_replicates
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import BINS
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.compute import compute_workspace
-from pmopt.analysis.workspace.estimates import from_replicates
-from pmopt.analysis.workspace.sweeper import BINS, Sweeper
 from pmopt.errors import InputError
 from pmopt.kernels import sweep
 from pmopt.mechanisms import find, names
@@ -64,9 +65,9 @@ def case_of(name, case, **settings):
     return params.get(name, {}), {**options.get(name, {}), **settings}
 
 
-def parts_of(sweeper, design, pose):
+def parts_of(sampler, design, pose):
     """Return the parts of the line through a pose as (start, end) pairs, by the plain function."""
-    mechanism, axis = sweeper.mechanism, sweeper.mechanism.line_axis
+    mechanism, axis = sampler.space.mechanism, sampler.space.mechanism.line_axis
     low = design.lower[axis]
     constants = constants_of(mechanism, design)
     flat = mechanism.line(*pose, low, low + design.width[axis], constants)
@@ -79,15 +80,15 @@ def parts_of(sweeper, design, pose):
 def test_parts_hold_all_that_is_reachable(name, case):
     """Parts are disjoint and ascend, and no reachable point is outside them."""
     params, settings = case_of(name, case)
-    sweeper = Sweeper(find(name), WorkspaceSettings(**settings), threads=1)
-    design = sweeper.design(sweeper.mechanism.resolve(params))
-    poses = sweeper.points(design, sweeper.sequence(4), 0, 20_000)
-    margin, _ = sweeper.field(design, poses)
-    axis = sweeper.mechanism.line_axis
+    sampler = make_sampler(find(name), WorkspaceSettings(**settings), threads=1)
+    design = sampler.design(sampler.space.mechanism.resolve(params))
+    poses = sampler.evaluator.points(design, sampler.sequence(4), 0, 20_000)
+    margin, _ = sampler.evaluator.field(design, poses)
+    axis = sampler.space.mechanism.line_axis
     reached = np.flatnonzero(margin >= 0)
     assert len(reached) > 100
     for i in reached[:2000]:
-        parts = parts_of(sweeper, design, poses[:, i].tolist())
+        parts = parts_of(sampler, design, poses[:, i].tolist())
         ends = [end for part in parts if part[1] > part[0] for end in part]
         assert ends == sorted(ends)
         slack = 1e-12 * (abs(poses[axis, i]) + 1)
@@ -99,12 +100,12 @@ def test_parts_hold_all_that_is_reachable(name, case):
 def test_agrees_with_the_plain_sampler(name, case):
     """Volume, GCI, regions and quantiles within their errors, which are the smaller ones."""
     found = {}
-    for sampler in ("lines", "r-sequence"):
-        params, settings = case_of(name, case, sampler=sampler)
-        sweeper = Sweeper(find(name), WorkspaceSettings(**settings), seed=4, threads=2)
-        design = sweeper.design(sweeper.mechanism.resolve(params))
-        found[sampler] = from_replicates(
-            sweeper.tally([design], sweeper.sequence(32), 0, 1 << 12, BINS)
+    for kind in ("lines", "r-sequence"):
+        params, settings = case_of(name, case, sampler=kind)
+        sampler = make_sampler(find(name), WorkspaceSettings(**settings), seed=4, threads=2)
+        design = sampler.design(sampler.space.mechanism.resolve(params))
+        found[kind] = from_replicates(
+            sampler.evaluator.tally([design], sampler.sequence(32), 0, 1 << 12, BINS)
         )
     lines, plain = found["lines"], found["r-sequence"]
     pairs = [(lines.volume, plain.volume), (lines.gci, plain.gci)]
@@ -121,15 +122,15 @@ def test_agrees_with_the_plain_sampler(name, case):
 def test_sums_equal_a_loop(name, least):
     """Weights, indices, extremes, regions and histogram of some blocks, the last one not full."""
     settings = WorkspaceSettings(sampler="lines", min_lci=least)
-    sweeper = Sweeper(find(name), settings, seed=3, threads=1)
-    design = sweeper.design(sweeper.mechanism.resolve({}))
-    points, count = sweeper.sequence(1), 2 * sweep.BLOCK + 77
-    tallies = sweeper.tally([design], points, 0, count, BINS)
-    poses = sweeper.points(design, points, 0, count)
-    axis = sweeper.mechanism.line_axis
+    sampler = make_sampler(find(name), settings, seed=3, threads=1)
+    design = sampler.design(sampler.space.mechanism.resolve({}))
+    points, count = sampler.sequence(1), 2 * sweep.BLOCK + 77
+    tallies = sampler.evaluator.tally([design], points, 0, count, BINS)
+    poses = sampler.evaluator.points(design, points, 0, count)
+    axis = sampler.space.mechanism.line_axis
     weights = np.empty(count)
     for i, pose in enumerate(poses.T.tolist()):
-        parts = [(low, high) for low, high in parts_of(sweeper, design, pose) if high > low]
+        parts = [(low, high) for low, high in parts_of(sampler, design, pose) if high > low]
         total = sum(high - low for low, high in parts)
         weights[i] = total / design.width[axis]
         along = (pose[axis] - design.lower[axis]) * weights[i]
@@ -138,7 +139,7 @@ def test_sums_equal_a_loop(name, least):
                 poses[axis, i] = low + along
                 break
             along -= high - low
-    margin, lci = sweeper.field(design, poses)
+    margin, lci = sampler.evaluator.field(design, poses)
     within = (margin >= 0) & (weights > 0)
     kept = within & (lci >= least)
     assert kept.sum() > 20

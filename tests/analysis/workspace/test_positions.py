@@ -7,13 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.aspects import make_sweeper
 from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.analysis.workspace.fibres import Ground, seek
 from pmopt.analysis.workspace.positions import measure_positions
 from pmopt.analysis.workspace.projection import measure_projection
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms.registry import find
 from pmopt.reporting.tables.table import shown
 from pmopt.reporting.tables.workspace import workspace_tables
@@ -23,13 +22,13 @@ SETTINGS = ({}, {"cone_angle": 0.5})
 
 
 def sample(name, settings, count=1 << 16):
-    """A sweeper, its default design and the poses and positions within reach of a sample."""
+    """A sampler, its default design and the poses and positions within reach of a sample."""
     mechanism = find(name)
-    sweeper = Sweeper(mechanism, WorkspaceSettings(**settings), threads=1)
-    design = sweeper.design(mechanism.resolve({}))
-    poses = sweeper.points(design, sweeper.sequence(4), 0, count)
-    slack, places = sweeper.locate(design, poses)
-    return sweeper, design, poses[:, slack >= 0], places[:, slack >= 0]
+    sampler = make_sampler(mechanism, WorkspaceSettings(**settings), threads=1)
+    design = sampler.design(mechanism.resolve({}))
+    poses = sampler.evaluator.points(design, sampler.sequence(4), 0, count)
+    slack, places = sampler.evaluator.locate(design, poses)
+    return sampler, design, poses[:, slack >= 0], places[:, slack >= 0]
 
 
 def inside(design, poses):
@@ -37,7 +36,7 @@ def inside(design, poses):
     return ((poses >= low) & (poses <= low + design.width[:, None])).all(axis=0)
 
 
-def scan_ups_sp(sweeper, design, place):
+def scan_ups_sp(sampler, design, place):
     """Largest slack over the circle of poses about A4 to a position, none where l4 is out."""
     a_half, b_half = design.parameters["A"] / 2, design.parameters["a"] / 2
     arm = place - np.array([-a_half, -a_half, 0.0])
@@ -55,12 +54,12 @@ def scan_ups_sp(sweeper, design, place):
         np.arctan2(r[:, 1, 0], r[:, 0, 0]), -np.arcsin(np.clip(r[:, 2, 0], -1, 1)),
         np.arctan2(r[:, 2, 1], r[:, 2, 2]), np.full(len(r), height),
     ])  # fmt: skip
-    slack, places = sweeper.locate(design, poses)
+    slack, places = sampler.evaluator.locate(design, poses)
     assert np.abs(places - place[:, None]).max() < 1e-9 * height
     return float(np.where(inside(design, poses), slack, -np.inf).max())
 
 
-def scan_ups_rps(sweeper, design, place):
+def scan_ups_rps(sampler, design, place):
     """Largest slack over a grid of alpha and beta; gamma follows from z = r cos beta cos gamma."""
     radius = design.parameters["r"]
     ends = [np.linspace(design.lower[k], design.lower[k] + design.width[k], 80) for k in (2, 3)]
@@ -71,7 +70,7 @@ def scan_ups_rps(sweeper, design, place):
     poses = np.stack(
         [np.full(len(beta), place[0]), np.full(len(beta), place[1]), alpha, beta, gamma]
     )
-    slack, places = sweeper.locate(design, poses)
+    slack, places = sampler.evaluator.locate(design, poses)
     assert len(beta) == 0 or np.abs(places - place[:, None]).max() < 1e-9 * radius
     return float(np.where(inside(design, poses), slack, -np.inf).max(initial=-np.inf))
 
@@ -79,9 +78,9 @@ def scan_ups_rps(sweeper, design, place):
 @pytest.mark.parametrize("settings", SETTINGS)
 @pytest.mark.parametrize(("name", "scan"), [("3-ups-sp", scan_ups_sp), ("4-ups-rps", scan_ups_rps)])
 def test_search_finds_what_a_scan_of_the_fibre_finds(name, scan, settings):
-    sweeper, design, poses, places = sample(name, settings)
+    sampler, design, poses, places = sample(name, settings)
     first, last = places.min(axis=1), places.max(axis=1)
-    ground = Ground(sweeper, design, np.ptp(poses, axis=1), last - first)
+    ground = Ground(sampler.evaluator, design, np.ptp(poses, axis=1), last - first)
     rng = np.random.default_rng(5)
     targets = first[:, None] + (last - first)[:, None] * rng.random((3, 250))
     reached = np.zeros(targets.shape[1], dtype=bool)
@@ -90,11 +89,11 @@ def test_search_finds_what_a_scan_of_the_fibre_finds(name, scan, settings):
     for row in nearest[[0, 8, 64]]:
         found, ends = seek(ground, targets, poses[:, row])
         # What is found has a pose to show.
-        slack, shown = sweeper.locate(design, ends[:, found])
+        slack, shown = sampler.evaluator.locate(design, ends[:, found])
         assert (slack >= 0).all() and inside(design, ends[:, found]).all()
         assert np.abs((shown - targets[:, found]) / (last - first)[:, None]).max() < 2e-6
         reached |= found
-    scanned = np.array([scan(sweeper, design, place) for place in targets.T]) >= 0
+    scanned = np.array([scan(sampler, design, place) for place in targets.T]) >= 0
     assert 40 < scanned.sum() < 210
     assert (scanned & ~reached).sum() <= 2
     assert (reached & ~scanned).sum() <= 4  # the scan's own steps
@@ -104,11 +103,11 @@ def test_search_finds_what_a_scan_of_the_fibre_finds(name, scan, settings):
 @pytest.mark.slow
 def test_volumes_of_few_positions_agree_with_those_of_many(name):
     mechanism = find(name)
-    design = Sweeper(mechanism, WorkspaceSettings()).design(mechanism.resolve({}))
+    design = make_sampler(mechanism, WorkspaceSettings()).design(mechanism.resolve({}))
 
     def volume(seed, samples):
-        sweeper = Sweeper(mechanism, WorkspaceSettings(), seed=seed)
-        return measure_projection(sweeper, design, samples).volume
+        sampler = make_sampler(mechanism, WorkspaceSettings(), seed=seed)
+        return measure_projection(sampler, design, samples).volume
 
     many = volume(1, 1 << 20)
     assert 0 < many.error < 0.007 * many.value
@@ -126,8 +125,8 @@ def test_a_tool_moves_what_is_reached():
     """The corner of 3-UPS/SP that the post carries stays in the shell between its strokes' ends."""
     mechanism = find("3-ups-sp")
     settings = WorkspaceSettings(tool=(-10.0, -10.0, 0.0))  # the corner on the post
-    sweeper = Sweeper(mechanism, settings)
-    found = measure_projection(sweeper, sweeper.design(mechanism.resolve({})), 1 << 18).volume
+    sampler = make_sampler(mechanism, settings)
+    found = measure_projection(sampler, sampler.design(mechanism.resolve({})), 1 << 18).volume
     # The corner is at l4 along the post: a part of the shell between both ends of the stroke.
     shell = 2 * math.pi / 3 * (90.0**3 - 45.0**3)
     assert 0.1 * shell < found.value < shell
@@ -137,14 +136,14 @@ def test_aspects_bound_what_is_reached():
     mechanism = find("3-ups-sp")
     found = []
     for aspect in (None, "home"):
-        sweeper = make_sweeper(mechanism, WorkspaceSettings(aspect=aspect))
-        design = sweeper.design(mechanism.resolve({}))
-        found.append(measure_projection(sweeper, design, 1 << 16).volume)
+        sampler = make_sampler(mechanism, WorkspaceSettings(aspect=aspect))
+        design = sampler.design(mechanism.resolve({}))
+        found.append(measure_projection(sampler, design, 1 << 16).volume)
     assert 0.5 * found[0].value < found[1].value < found[0].value + 3 * found[0].error
 
 
 def lifted(axes):
-    """What measure_positions asks of a sweeper, for a ball of poses over the unit cube's corner.
+    """What measure_positions asks of a sampler, for a ball of poses over the unit cube's corner.
 
     Positions are the first three coordinates, bent by the others: all of |p| < 1 are reached.
     """
@@ -153,11 +152,12 @@ def lifted(axes):
         bent = poses[:3] + 0.2 * np.sin(poses[3:].sum(axis=0))
         return 1.0 - np.sqrt((bent**2).sum(axis=0) + (poses[3:] ** 2).sum(axis=0)), bent
 
-    sweeper = SimpleNamespace(locate=locate, threads=1, seed=3, purpose="test", slowness=1)
+    evaluator = SimpleNamespace(locate=locate, threads=1, slowness=1)
+    sampler = SimpleNamespace(evaluator=evaluator, threads=1, seed=3, purpose="test")
     design = SimpleNamespace(lower=np.full(axes, -2.0), width=np.full(axes, 4.0))
     poses = -2 + 4 * np.random.default_rng(1).random((axes, 20_000 * 4 ** (axes - 3)))
     slack, places = locate(design, poses)
-    return sweeper, design, poses[:, slack >= 0], places[:, slack >= 0]
+    return sampler, design, poses[:, slack >= 0], places[:, slack >= 0]
 
 
 @pytest.mark.parametrize("axes", [3, 4, 5, 6])
@@ -169,9 +169,9 @@ def test_volume_of_a_ball(axes):
 
 
 def test_positions_on_a_plane_have_no_volume():
-    sweeper, design, poses, places = lifted(3)
+    sampler, design, poses, places = lifted(3)
     places[2] = 0.0
-    assert measure_positions(sweeper, design, poses, places, 1 << 15).volume == (0.0, 0.0)
+    assert measure_positions(sampler, design, poses, places, 1 << 15).volume == (0.0, 0.0)
 
 
 def test_a_lower_bound_is_printed_as_one():

@@ -10,11 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import naive
 
+from pmopt.analysis.sampling.estimates import QUANTILES, from_replicates, widening
+from pmopt.analysis.sampling.measuring import measure_on_grid, measure_to_target
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import BINS, Tallies
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.workspace.compute import compute_workspace, measure_on_grid, measure_to_target
-from pmopt.analysis.workspace.estimates import QUANTILES, from_replicates, widening
+from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.analysis.workspace.extremes import find_extremes
-from pmopt.analysis.workspace.sweeper import BINS, Sweeper, Tallies
 from pmopt.kernels.sweep import bin_of
 from pmopt.mechanisms import find
 from pmopt.numerics.bins import bin_edges, bins_of
@@ -31,8 +33,8 @@ LEAST = (0.63, 0.92, 0.97)
 
 
 def prepared(name, params=None, seed=1, **settings):
-    sweeper = Sweeper(find(name), WorkspaceSettings(**settings), seed=seed, threads=1)
-    return sweeper, sweeper.design(sweeper.mechanism.resolve(params or {}))
+    sampler = make_sampler(find(name), WorkspaceSettings(**settings), seed=seed, threads=1)
+    return sampler, sampler.design(sampler.space.mechanism.resolve(params or {}))
 
 
 @cache
@@ -42,10 +44,12 @@ def shared(name, params, settings):
 
 def sampled(name, params, samples, seed, **settings):
     """Return the estimates of a run; only the points differ from one seed to another."""
-    sweeper, design = shared(name, tuple(params.items()), tuple(settings.items()))
-    sweeper.seed = seed
+    sampler, design = shared(name, tuple(params.items()), tuple(settings.items()))
+    sampler = sampler.with_seed(seed)
     replicates, each = split_samples(samples, settings.get("replicates"))
-    return from_replicates(sweeper.tally([design], sweeper.sequence(replicates), 0, each, BINS))
+    return from_replicates(
+        sampler.evaluator.tally([design], sampler.sequence(replicates), 0, each, BINS)
+    )
 
 
 @cache
@@ -167,10 +171,10 @@ def exact_quantiles(name, params, settings, count=1 << 18):
     """Return sample quantiles of many points, and what they may be off: by replicates."""
     rows = []
     for seed in range(4):
-        sweeper, design = prepared(name, params, 1000 + seed, **settings)
-        poses = sweeper.points(design, sweeper.sequence(16), 0, count)
-        margin, lci = sweeper.field(design, poses)
-        kept = lci[(margin >= 0) & (lci >= sweeper.settings.min_lci)]
+        sampler, design = prepared(name, params, 1000 + seed, **settings)
+        poses = sampler.evaluator.points(design, sampler.sequence(16), 0, count)
+        margin, lci = sampler.evaluator.field(design, poses)
+        kept = lci[(margin >= 0) & (lci >= sampler.space.settings.min_lci)]
         rows.append(np.quantile(kept, QUANTILES))
     return np.mean(rows, axis=0), np.ptp(rows, axis=0)
 
@@ -228,12 +232,14 @@ def test_quantiles_hold_their_errors_in_400_runs(case, samples, sampler):
 
 def test_bounds_of_grids_hold():
     """On a torus of known volume, at every fifth size; the older way held in half of them."""
-    sweeper, design = prepared("2pauu-ppap", TORUS)
-    truth = from_replicates(sweeper.tally([design], sweeper.sequence(16), 0, 1 << 18, BINS))
+    sampler, design = prepared("2pauu-ppap", TORUS)
+    truth = from_replicates(
+        sampler.evaluator.tally([design], sampler.sequence(16), 0, 1 << 18, BINS)
+    )
     sizes = range(12, 100, 5)
     beyond = 0
     for cells in sizes:
-        found = measure_on_grid(sweeper, design, cells)[1]
+        found = measure_on_grid(sampler, design, cells)[1]
         assert abs(found.volume.value - TORUS_VOLUME) <= found.volume.error
         assert found.volume.error < 2 / cells * TORUS_VOLUME
         pairs = [(found.gci, truth.gci), *zip(found.quantiles, truth.quantiles, strict=True)]
@@ -271,11 +277,10 @@ def test_bounds_are_not_called_standard_errors():
 )  # fmt: skip
 def test_a_coarse_target_takes_few_samples_and_its_errors_hold(target, sampler, most):
     truth = sampled("2pauu-ppap", {}, 1 << 23, 99, sampler="lines")
-    sweeper, design = prepared("2pauu-ppap", sampler=sampler)
+    drawn, design = prepared("2pauu-ppap", sampler=sampler)
     scores = []
     for seed in range(100):
-        sweeper.seed = seed
-        found = measure_to_target(sweeper, design, target)[1]
+        found = measure_to_target(drawn.with_seed(seed), design, target)[1]
         assert found.samples <= most
         pairs = [(found.volume, truth.volume), (found.gci, truth.gci)]
         assert all(a.error <= target * a.value for a, _ in pairs)
@@ -289,11 +294,10 @@ def test_a_coarse_target_takes_few_samples_and_its_errors_hold(target, sampler, 
 @pytest.mark.parametrize("target", [3e-2, 1e-2, 3e-3])
 def test_errors_hold_after_stopping_in_400_runs(target, sampler):
     truth = sampled("2pauu-ppap", {}, 1 << 24, 99, sampler="lines")
-    sweeper, design = prepared("2pauu-ppap", sampler=sampler)
+    drawn, design = prepared("2pauu-ppap", sampler=sampler)
     scores = []
     for seed in range(400):
-        sweeper.seed = seed
-        found = measure_to_target(sweeper, design, target)[1]
+        found = measure_to_target(drawn.with_seed(seed), design, target)[1]
         scores.append([(found.volume.value - truth.volume.value) / found.volume.error,
                        (found.gci.value - truth.gci.value) / found.gci.error])  # fmt: skip
     for column in np.array(scores).T:
@@ -303,8 +307,8 @@ def test_errors_hold_after_stopping_in_400_runs(target, sampler):
 def test_nothing_in_a_first_round_is_not_the_end():
     """A workspace that the first samples miss is found by later ones."""
     domain = {"x": (-1.849, -1.80)}
-    sweeper, design = prepared("2pauu-ppap", {}, domain=domain)
-    found = measure_to_target(sweeper, design, 0.2)[1]
+    sampler, design = prepared("2pauu-ppap", {}, domain=domain)
+    found = measure_to_target(sampler, design, 0.2)[1]
     assert found.reachable >= 64
     assert found.volume.error <= 0.2 * found.volume.value
 
@@ -314,16 +318,18 @@ def test_nothing_in_a_first_round_is_not_the_end():
 
 @pytest.mark.parametrize("name", ["2pauu-ppap", "3-ups-sp", "4-ups-rps", "3-cur", "2uu-upu"])
 def test_extremes_are_beyond_those_of_many_samples(name):
-    sweeper, design = prepared(name)
-    many = from_replicates(sweeper.tally([design], sweeper.sequence(16), 0, 1 << 16, BINS))
-    least, most = find_extremes(sweeper, design, 1.0, 1.0)
+    sampler, design = prepared(name)
+    many = from_replicates(
+        sampler.evaluator.tally([design], sampler.sequence(16), 0, 1 << 16, BINS)
+    )
+    least, most = find_extremes(sampler, design, 1.0, 1.0)
     few = sampled(name, {}, 2000, 5)
-    least, most = find_extremes(sweeper, design, few.smallest, few.largest)
+    least, most = find_extremes(sampler, design, few.smallest, few.largest)
     assert 0 <= least.value <= many.smallest * (1 + 1e-3)
     assert 1 >= most.value >= many.largest * (1 - 1e-6)
     assert least.bound == ("proven" if least.value == 0 else "found")
     assert most.bound == "found"
-    assert find_extremes(sweeper, design, few.smallest, few.largest) == (least, most)
+    assert find_extremes(sampler, design, few.smallest, few.largest) == (least, most)
 
 
 def test_bounds_that_are_proven():

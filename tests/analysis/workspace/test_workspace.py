@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from support import naive
 
+from pmopt.analysis.sampling.sampler import make_sampler
+from pmopt.analysis.sampling.tallies import chunk_ranges
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.workspace import compute as workspace_module
 from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.analysis.workspace.shape import topology_of
-from pmopt.analysis.workspace.sweeper import Sweeper, chunk_ranges
 from pmopt.compiler import machine_code, program_text
 from pmopt.compiler.machine_code import folder_of
 from pmopt.errors import InputError, PmoptError
@@ -257,7 +258,7 @@ def naive_workspace(params, result, settings):
         length = settings.characteristic_length
     elif settings.jacobian == "homogenized":
         length = params["l1"]
-    points = Sweeper(PAUU, settings).sequence(result.replicates)
+    points = make_sampler(PAUU, settings).sequence(result.replicates)
     each = result.samples // result.replicates
     indices = []
     for replicate in range(result.replicates):

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from scipy.optimize import fsolve, least_squares
 from support.poses import random_poses, ready
 
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.compute import compute_workspace
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.mechanism import within
@@ -368,10 +368,10 @@ def test_reach_box_cuts_nothing_off(params, mode, change):
     assert (lower[1:] <= [-math.pi / 2, -math.pi]).all()
     assert (upper[1:] >= [math.pi / 2, math.pi]).all()
     settings = WorkspaceSettings(limits=change, working_mode=mode)
-    sweeper = Sweeper(CUR, settings)
+    sampler = make_sampler(CUR, settings)
     wide = np.array([1.2, 1.5, 1.5])
     poses = np.random.default_rng(6).uniform(-wide, wide, (200_000, 3)).T
-    met = poses[0, sweeper.field(sweeper.design(params), poses)[0] >= 0]
+    met = poses[0, sampler.evaluator.field(sampler.design(params), poses)[0] >= 0]
     assert len(met) > 30
     assert lower[0] <= met.min()
     assert met.max() <= upper[0]

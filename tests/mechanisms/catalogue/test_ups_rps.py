@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 from support.exponentials import moved, screws, turn
 from support.poses import random_poses, reachable, ready
 
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.mechanisms import find
 from pmopt.mechanisms.mechanism import within
 
@@ -205,10 +205,10 @@ def test_reach_box_cuts_nothing_off(params, change):
     lower, upper = RPS.reach_box(params, limits)
     assert (lower[2:] <= [-math.pi, -QUARTER, -math.pi]).all()
     assert (upper[2:] >= [math.pi, QUARTER, math.pi]).all()
-    sweeper = Sweeper(RPS, WorkspaceSettings(limits=change))
+    sampler = make_sampler(RPS, WorkspaceSettings(limits=change))
     wide = np.array([2500, 2500, math.pi, QUARTER, math.pi])
     poses = np.random.default_rng(6).uniform(-wide, wide, (400_000, 5)).T
-    met = poses[:, sweeper.field(sweeper.design(params), poses)[0] >= 0]
+    met = poses[:, sampler.evaluator.field(sampler.design(params), poses)[0] >= 0]
     assert met.shape[1] > 100
     assert (lower[:2] <= met.min(axis=1)[:2]).all()
     assert (met.max(axis=1)[:2] <= upper[:2]).all()
@@ -224,12 +224,12 @@ def test_nothing_is_reachable_where_strokes_contradict():
 
 def regular(params, count, least, seed=1):
     """Return reachable (pose, solution) pairs of the domain that are off the singularities."""
-    sweeper = Sweeper(RPS, WorkspaceSettings())
-    design = sweeper.design(params)
+    sampler = make_sampler(RPS, WorkspaceSettings())
+    design = sampler.design(params)
     unit = np.random.default_rng(seed).random((5, 2000))
     poses = design.lower[:, None] + design.width[:, None] * unit
     pairs = []
-    for values in poses[:, sweeper.field(design, poses)[0] >= 0].T:
+    for values in poses[:, sampler.evaluator.field(design, poses)[0] >= 0].T:
         pose = posed(*values)
         if abs(measure(params, pose)) > least:
             pairs.append((pose, RPS.inverse(params, pose)[0]))

@@ -14,8 +14,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from support.poses import random_poses, reachable, ready
 
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import find
 
@@ -497,11 +497,11 @@ def test_kernel_sees_both_turns_about_a_right_angle(mode, pose):
 def test_kernel_and_inverse_agree(params):
     """Of some thousand poses of the default domain; the cells may miss a shallow pair of turns."""
     for mode in UU.working_modes:
-        sweeper = Sweeper(UU, WorkspaceSettings(working_mode=mode), threads=1)
-        design = sweeper.design(params)
+        sampler = make_sampler(UU, WorkspaceSettings(working_mode=mode), threads=1)
+        design = sampler.design(params)
         unit = np.random.default_rng(9).random((3, 1500))
         poses = design.lower[:, None] + design.width[:, None] * unit
-        margin, _ = sweeper.field(design, poses)
+        margin, _ = sampler.evaluator.field(design, poses)
         answers = UU.inverses(params, [posed(*pose) for pose in poses.T])
         inside = [within_of(params, solutions, mode) for solutions in answers]
         assert sum(inside) > 50

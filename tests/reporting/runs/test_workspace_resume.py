@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from support.cli_runner import TIMEOUT, error_line, files_in, here, strict_json
 from support.killing import checkpoints, kill_and_resume, outputs, start
 
+from pmopt.analysis.sampling.measuring import Course
+from pmopt.analysis.sampling.partial_sums import Sums
+from pmopt.analysis.sampling.tallies import BLOCK_CHUNKS, CHUNK
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.compute import compute_workspace
-from pmopt.analysis.workspace.partial_sums import Sums
-from pmopt.analysis.workspace.sweeper import BLOCK_CHUNKS, CHUNK
 from pmopt.errors import InputError
 from pmopt.mechanisms import find
 from pmopt.reporting.runs import run_pictures, workspace_checkpoint, workspace_run
@@ -129,7 +130,7 @@ def test_sums_come_back_as_plain_numbers(name, data):
     task = task_of(**RUNS[name])
     if not kept:
         whole = compute_workspace(task.mechanism, task.parameters, task.settings, shape_grid=0,
-                                  keep=kept.append)  # fmt: skip
+                                  course=Course(keep=kept.append))  # fmt: skip
         kept.append(whole)
     *sums, whole = kept
     state = data.draw(st.sampled_from(sums))
@@ -137,7 +138,7 @@ def test_sums_come_back_as_plain_numbers(name, data):
     again = Sums.from_plain(state.chunks, facts, table)
     assert again.to_plain()[0] == facts
     found = compute_workspace(task.mechanism, task.parameters, task.settings, shape_grid=0,
-                              begun=again)  # fmt: skip
+                              course=Course(again))  # fmt: skip
     assert repr(found) == repr(whole)
 
 

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.reads import Reads
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.evaluator import Notify
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
 
@@ -54,11 +56,11 @@ def prepared(
     settings: WorkspaceSettings,
     reads: Reads,
     notify: Notify | None,
-) -> tuple[Sweeper, Design]:
-    """Return a sweeper and its design, settings that nothing is proven for refused."""
+) -> tuple[Sampler, Design]:
+    """Return a sampler and its design, settings that nothing is proven for refused."""
     reads.check(settings)
-    sweeper = Sweeper(mechanism, settings, notify=notify, where="certify")
-    return sweeper, sweeper.design(mechanism.resolve(params or {}))
+    sampler = make_sampler(mechanism, settings, notify=notify, where="certify")
+    return sampler, sampler.design(mechanism.resolve(params or {}))
 
 
 def announced(notify: Notify | None) -> Callable[[], None] | None:

@@ -30,9 +30,10 @@ from pmopt.analysis.certification.proven_matrices import index_bounds, proven_si
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.emptiness import explain
-from pmopt.analysis.workspace.sweeper import Design, Notify
 from pmopt.mechanisms.mechanism import Mechanism
 from pmopt.units import ONE, exact
 
@@ -165,7 +166,7 @@ def certify_claim(
     budget = Budget(time_budget, box_budget)
     settings = settings or WorkspaceSettings()
     least = settings.min_lci
-    sweeper, design = prepared(mechanism, params, settings, READS, notify)
+    sampler, design = prepared(mechanism, params, settings, READS, notify)
     verdict: Verdict = "empty" if design.void else "undecided"
     stopped: Ended = "proven" if design.void else "edge"
     witness, index, examined, share = None, None, 0, 0.0 if design.void else 1.0
@@ -191,10 +192,10 @@ def certify_claim(
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
     units |= dict.fromkeys(("min_lci", "witness_lci", "open_share"), ONE)
     return Claim(
-        subject=sweeper.subject(design),
+        subject=sampler.space.subject(design),
         norm=settings.norm,
         index_note=index_note(
-            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
+            sampler.space.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
         claim=f"LCI >= {exact(least)} at every reachable pose" if least > 0 else
         "no reachable pose is singular",

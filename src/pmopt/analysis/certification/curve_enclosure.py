@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.certification.enclosures import Array, Boxes, Enclosure
-from pmopt.analysis.workspace.sweeper import Design
+from pmopt.analysis.sampling.design_space import Design
 from pmopt.compiler.tracing import Graph, TracedCurve, trace_curve
 from pmopt.kernels.affine_forms import EPS, UP
 from pmopt.mechanisms.mechanism import Mechanism

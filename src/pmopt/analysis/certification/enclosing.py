@@ -8,7 +8,7 @@ from functools import cache
 from pmopt.analysis.certification.curve_enclosure import CurveEnclosure
 from pmopt.analysis.certification.enclosures import Enclosure
 from pmopt.analysis.certification.implicit_enclosure import Sheet
-from pmopt.analysis.workspace.sweeper import Design
+from pmopt.analysis.sampling.design_space import Design
 from pmopt.compiler.tracing import Traced, Untraceable, trace
 from pmopt.errors import InputError
 from pmopt.mechanisms.mechanism import Mechanism

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.sweeper import Design
+from pmopt.analysis.sampling.design_space import Design
 from pmopt.compiler import programs
 from pmopt.compiler.tracing import (
     CONSTANT,

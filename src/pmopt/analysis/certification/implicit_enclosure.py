@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.certification.enclosures import Array, Boxes, Enclosure
-from pmopt.analysis.workspace.sweeper import Design
+from pmopt.analysis.sampling.design_space import Design
 from pmopt.compiler.records import named
 from pmopt.compiler.tracing import Tape, TracedImplicit, trace_implicit
 from pmopt.errors import InputError

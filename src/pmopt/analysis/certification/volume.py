@@ -35,8 +35,8 @@ from pmopt.analysis.certification.enclosures import Enclosure
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import INDEX, PLACE, Reads
 from pmopt.analysis.record import OfSubject
+from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Notify
 from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
@@ -184,7 +184,7 @@ def certify_volume(
             f"certify: min_lci={settings.min_lci} is not allowed: the volume is proven of all "
             "reachable poses; pmopt certify --min-lci proves the index over a box"
         )
-    sweeper, design = prepared(mechanism, params, settings, READS, notify)
+    sampler, design = prepared(mechanism, params, settings, READS, notify)
     found = _Boxes(0) if design.box_volume == 0 else None
     scale = Fraction(0)
     stopped: Stop = "gap"
@@ -204,7 +204,7 @@ def certify_volume(
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.limited)}
     units |= dict.fromkeys(("volume", "lower", "upper"), mechanism.volume_unit)
     return CertifiedVolume(
-        subject=sweeper.subject(design),
+        subject=sampler.space.subject(design),
         lower=lower,
         upper=upper,
         gap=relative(lower, upper),
@@ -215,7 +215,7 @@ def certify_volume(
         index=index,
         norm=settings.norm,
         index_note=index_note(
-            sweeper.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
+            sampler.space.jacobian, design.length, mechanism.length_unit, entry_units(mechanism)
         ),
         volume_unit=mechanism.volume_unit,
         units=units | {"gap": ONE},

@@ -27,9 +27,9 @@ from pmopt.analysis.motion.singularities import (
     met_singularities,
     touched_singularities,
 )
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities.touching import Jets
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.compiler.machine_code import compile_ahead
 from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.mechanisms.mechanism import (
@@ -113,14 +113,14 @@ def compute_motion(
     loads = loads or Loads()
     massive = loads.massive(mechanism, parameters)
     mover = Mover(mechanism, parameters, mode, massive, loads.gravity, threads, notify)
-    sweeper = Sweeper(
+    sampler = make_sampler(
         mechanism,
         WorkspaceSettings(limits=dict(limits or {}), working_mode=mode, jacobian="homogenized"),
         threads=threads,
         notify=notify,
         where="motion",
     )
-    fields = [c for c, entries in sweeper.kernels.items() if "field" in entries]
+    fields = [c for c, entries in sampler.evaluator.kernels.items() if "field" in entries]
     compile_ahead(
         [*((c, "field") for c in fields), *((c, "move_all") for c in mover.kernels)], mover.threads
     )
@@ -129,9 +129,11 @@ def compute_motion(
     if trajectory.space == "joint":
         poses, rates, accelerations, spans = follow_joints(mover, trajectory)
     known = np.isfinite(poses).all(axis=1)
-    design = sweeper.design(parameters)
+    design = sampler.design(parameters)
     margin, index = np.full(len(poses), -1.0), np.zeros(len(poses))
-    margin[known], index[known] = sweeper.field(design, np.ascontiguousarray(poses[known].T))
+    margin[known], index[known] = sampler.evaluator.field(
+        design, np.ascontiguousarray(poses[known].T)
+    )
     out = known & ~(margin >= 0.0)
     spans += out_of_reach(mechanism, parameters, mode, design.limits, poses, out, margin)
     feasible = known & ~out
@@ -144,7 +146,7 @@ def compute_motion(
     jets = Jets(poses, rates, accelerations)
 
     def index_at(values: Values) -> Vector:
-        return sweeper.field(design, np.ascontiguousarray(values.T))[1]
+        return sampler.evaluator.field(design, np.ascontiguousarray(values.T))[1]
 
     touched, near = touched_singularities(
         trajectory.t, jets, told & (index >= SINGULAR), index_at, singular

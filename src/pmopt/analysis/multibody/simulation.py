@@ -15,8 +15,8 @@ from pmopt.analysis.motion.records import Course, Motion
 from pmopt.analysis.multibody.mjcf import to_mjcf
 from pmopt.analysis.multibody.model import Tree, build_tree
 from pmopt.analysis.multibody.mujoco_engine import Engine
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError, PmoptError
 from pmopt.mechanisms.mechanism import Coordinate, Vector, wrap_angle
 from pmopt.units import METRES, effort_unit
@@ -258,11 +258,11 @@ def simulate_motion(
 
 def nearly_singular(task: MotionTask, motion: Motion) -> str | None:
     """Say where a motion comes so near a singularity that efforts lose their digits, if it does."""
-    sweeper = Sweeper(
+    sampler = make_sampler(
         task.mechanism, WorkspaceSettings(working_mode=motion.working_mode, jacobian="homogenized")
     )
     poses = np.ascontiguousarray(motion.pose.values.T)
-    index = sweeper.field(sweeper.design(task.parameters), poses)[1]
+    index = sampler.evaluator.field(sampler.design(task.parameters), poses)[1]
     k = int(np.argmin(index))
     if index[k] >= _NEARLY_SINGULAR:
         return None

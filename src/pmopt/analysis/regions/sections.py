@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.regions.surface import surface_nets
-from pmopt.analysis.workspace.aspects import determinants
-from pmopt.analysis.workspace.cells import lattice_points
+from pmopt.analysis.sampling.aspects import determinants
+from pmopt.analysis.sampling.cells import lattice_points
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.workspace.projection import reached_positions
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
 
 Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -125,7 +126,7 @@ class _Location:
 
 
 def section_fields(
-    sweeper: Sweeper, design: Design, resolution: int = 400, measure: Measure | None = None
+    sampler: Sampler, design: Design, resolution: int = 400, measure: Measure | None = None
 ) -> tuple[Section, ...]:
     """Return three sections, one across each of three coordinates, or some through home.
 
@@ -136,19 +137,19 @@ def section_fields(
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     resolution : int
         Points along each axis of a section.
     measure : callable, optional
         What is shown instead of LCI, of poses (d, N).
     """
-    pose = sweeper.mechanism.pose
+    pose = sampler.space.mechanism.pose
     if len(pose) < 2:
         return ()
     if len(pose) != 3:
-        return _sections_through_home(sweeper, design, resolution, measure)
-    place = _locate(sweeper, design)
+        return _sections_through_home(sampler, design, resolution, measure)
+    place = _locate(sampler, design)
     sections = []
     for normal, level in enumerate(place.levels):
         across, up = (k for k in range(3) if k != normal)
@@ -157,20 +158,23 @@ def section_fields(
         poses = np.empty((3, count * count))
         poses[normal] = level
         poses[across], poses[up] = (a.ravel() for a in np.meshgrid(*axes))
-        inside, lci = (v.reshape(count, count) for v in _inside(sweeper, design, poses))
+        inside, lci = (v.reshape(count, count) for v in _inside(sampler, design, poses))
         shown = lci if measure is None else _measured(measure, poses, inside)
         sections.append(
             Section(
                 normal=pose[normal].name,
-                normal_unit=sweeper.mechanism.unit(pose[normal]),
+                normal_unit=sampler.space.mechanism.unit(pose[normal]),
                 level=level,
                 names=(pose[across].name, pose[up].name),
-                units=(sweeper.mechanism.unit(pose[across]), sweeper.mechanism.unit(pose[up])),
+                units=(
+                    sampler.space.mechanism.unit(pose[across]),
+                    sampler.space.mechanism.unit(pose[up]),
+                ),
                 horizontal=axes[0],
                 vertical=axes[1],
                 inside=inside,
                 continued=shown,
-                determinant=determinants(sweeper, design, poses).reshape(count, count),
+                determinant=determinants(sampler.evaluator, design, poses).reshape(count, count),
             )
         )
     return tuple(sections)
@@ -187,9 +191,9 @@ def _measured(
 
 
 def _sections_through_home(
-    sweeper: Sweeper, design: Design, resolution: int, measure: Measure | None
+    sampler: Sampler, design: Design, resolution: int, measure: Measure | None
 ) -> tuple[Section, ...]:
-    mechanism = sweeper.mechanism
+    mechanism = sampler.space.mechanism
     home = mechanism.home(design.parameters)
     pairs = list(itertools.combinations(range(len(mechanism.pose)), 2))
     if len(pairs) > _MOST_SECTIONS:
@@ -202,7 +206,7 @@ def _sections_through_home(
             axes = [np.linspace(low[k], high[k], count) for k in (across, up)]
             poses = np.repeat(np.array([list(home.values())]).T, count * count, axis=1)
             poses[across], poses[up] = (a.ravel() for a in np.meshgrid(*axes))
-            inside, lci = (v.reshape(count, count) for v in _inside(sweeper, design, poses))
+            inside, lci = (v.reshape(count, count) for v in _inside(sampler, design, poses))
             if count == _LOCATE and (inside >= 0).any():
                 rows, columns = np.nonzero(inside >= 0)
                 low, high = low.copy(), high.copy()
@@ -225,7 +229,7 @@ def _sections_through_home(
                 vertical=axes[1],
                 inside=inside,
                 continued=lci if measure is None else _measured(measure, poses, inside),
-                determinant=determinants(sweeper, design, poses).reshape(count, count),
+                determinant=determinants(sampler.evaluator, design, poses).reshape(count, count),
                 constants=",\n".join(
                     ", ".join(constants[i : i + 2]) for i in range(0, len(constants), 2)
                 )
@@ -235,20 +239,20 @@ def _sections_through_home(
     return tuple(sections)
 
 
-def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> SurfaceMesh | None:
+def surface_field(sampler: Sampler, design: Design, cells: int = 192) -> SurfaceMesh | None:
     """Return the surface behind a cut across the second coordinate; None unless there are three.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     cells : int
         Grid cells along the longest side.
     """
-    mechanism = sweeper.mechanism
+    mechanism = sampler.space.mechanism
     if len(mechanism.pose) != 3:
         return None
-    place = _locate(sweeper, design)
+    place = _locate(sampler, design)
     lower, width, level = place.lower.copy(), place.upper - place.lower, place.levels[1]
     units = tuple(mechanism.unit(c) for c in mechanism.pose)
     cut = ""
@@ -265,19 +269,19 @@ def surface_field(sweeper: Sweeper, design: Design, cells: int = 192) -> Surface
         axes = [
             np.linspace(a, b, int(n)) for a, b, n in zip(lower, place.upper, counts, strict=True)
         ]
-        net = surface_nets(lambda p: _inside(sweeper, design, p)[0], axes)
+        net = surface_nets(lambda p: _inside(sampler, design, p)[0], axes)
         vertices, faces, points = net.vertices, net.faces, net.crossings
     return SurfaceMesh(
         names=tuple(c.name for c in mechanism.pose),
         units=units,
         vertices=vertices,
         faces=faces,
-        lci=_inside(sweeper, design, np.ascontiguousarray(points.T))[1],
+        lci=_inside(sampler, design, np.ascontiguousarray(points.T))[1],
         cut=cut,
     )
 
 
-def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
+def position_field(sampler: Sampler, design: Design) -> SurfaceMesh | None:
     """Return the surface of the positions reached, cut open, with the largest LCI met there.
 
     Known by voxels, it is smoothed over about one.
@@ -286,10 +290,10 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     """
-    mechanism = sweeper.mechanism
+    mechanism = sampler.space.mechanism
     if all(c.kind == "length" for c in mechanism.pose):
         return None
     order = [k for k in range(3) if k != mechanism.vertical] + [mechanism.vertical]
@@ -300,7 +304,7 @@ def position_field(sweeper: Sweeper, design: Design) -> SurfaceMesh | None:
                           np.empty(0), "", downwards)  # fmt: skip
     if design.box_volume == 0:
         return nothing
-    found = reached_positions(sweeper, design)
+    found = reached_positions(sampler, design)
     if found is None:
         return nothing
     lower, step = found.lower[order], found.step
@@ -338,11 +342,11 @@ def plane(name: str, level: float, unit: str) -> str:
 
 
 def _inside(
-    sweeper: Sweeper, design: Design, poses: NDArray[np.float64]
+    sampler: Sampler, design: Design, poses: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return a field that is >= 0 where margin and LCI allow a pose, and the LCI."""
-    margin, lci = sweeper.field(design, poses)
-    least = sweeper.settings.min_lci
+    margin, lci = sampler.evaluator.field(design, poses)
+    least = sampler.space.settings.min_lci
     if least == 0:
         return margin, lci
     # As large as the margin, neither part dominates where the field is interpolated; the size is
@@ -350,13 +354,13 @@ def _inside(
     return np.minimum(margin, float(design.width.max()) * (lci - least)), lci
 
 
-def _locate(sweeper: Sweeper, design: Design) -> _Location:
+def _locate(sampler: Sampler, design: Design) -> _Location:
     """Find what is reachable within a design's box."""
     lower, upper = design.lower, design.lower + design.width
     place = _Location(lower, upper, tuple(((lower + upper) / 2).tolist()))
     for _ in range(_MOST_CLOSER if design.box_volume > 0 else 0):
         axes = np.linspace(place.lower, place.upper, _LOCATE, axis=1)
-        inside, _ = _inside(sweeper, design, lattice_points(axes))
+        inside, _ = _inside(sampler, design, lattice_points(axes))
         reachable = (inside >= 0).reshape((_LOCATE,) * 3)
         if not reachable.any():
             break

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.kinematics.determinants import measures_at
+from pmopt.analysis.sampling.aspects import determinants
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.singularities.touching import least_along
-from pmopt.analysis.workspace.aspects import determinants
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.mechanisms.mechanism import Vector
 from pmopt.seeds import seed_sequence
 
@@ -67,23 +68,23 @@ class Family:
 class _Search:
     """One search, over the box of everything within reach."""
 
-    def __init__(self, sweeper: Sweeper, design: Design) -> None:
-        mechanism = sweeper.mechanism
-        self.sweeper, self.design = sweeper, design
+    def __init__(self, sampler: Sampler, design: Design) -> None:
+        mechanism = sampler.space.mechanism
+        self.sampler, self.design = sampler, design
         self.names = [c.name for c in mechanism.pose]
         self.lower, upper = mechanism.reach_box(design.parameters, design.limits)
         for k, name in enumerate(self.names):
-            low, high = sweeper.domain.get(name, (-math.inf, math.inf))
+            low, high = sampler.space.domain.get(name, (-math.inf, math.inf))
             self.lower[k], upper[k] = max(self.lower[k], low), min(upper[k], high)
         self.width = upper - self.lower
         self.rng = np.random.Generator(
-            np.random.PCG64(seed_sequence(sweeper.seed, "singular slices"))
+            np.random.PCG64(seed_sequence(sampler.seed, "singular slices"))
         )
         self.found: list[Family] = []
 
     def special(self, k: int) -> list[float]:
         """Return the values of a coordinate that slices are tried at."""
-        angle = self.sweeper.mechanism.pose[k].kind == "angle"
+        angle = self.sampler.space.mechanism.pose[k].kind == "angle"
         some = (0.0, math.pi / 2, -math.pi / 2, math.pi) if angle else (0.0,)
         low, high = self.lower[k], self.lower[k] + self.width[k]
         return [v for v in some if low - 1e-12 <= v <= high + 1e-12]
@@ -103,7 +104,7 @@ class _Search:
             poses = self.lower[:, None] + self.width[:, None] * unit
             for name, value in fixed.items():
                 poses[self.names.index(name)] = value
-            margin, lci = self.sweeper.field(self.design, poses)
+            margin, lci = self.sampler.evaluator.field(self.design, poses)
             inside = np.flatnonzero(margin > 0)[:_POSES]
             kept.append(poses[:, inside])
             indices.append(lci[inside])
@@ -139,9 +140,12 @@ class _Search:
     def _kinds(self, values: Vector) -> list[str]:
         """Return the kinds of the measures that vanish at a pose, the smallest first."""
         pose = dict(zip(self.names, values.tolist(), strict=True))
-        sweeper = self.sweeper
+        sampler = self.sampler
         measures = (
-            measures_at(sweeper.mechanism, sweeper.working_mode, self.design.parameters, pose) or {}
+            measures_at(
+                sampler.space.mechanism, sampler.space.working_mode, self.design.parameters, pose
+            )
+            or {}
         )
         small = {key: abs(v) for key, v in measures.items() if abs(v) <= _SINGULAR}
         return [kind for kind, _ in sorted(small, key=lambda key: small[key])]
@@ -168,8 +172,8 @@ class _Search:
         lines = np.repeat(through, _POINTS, axis=1)
         lines[k] = np.tile(line, through.shape[1])
         shape = (-1, _POINTS)
-        inside = self.sweeper.field(self.design, lines)[0].reshape(shape) >= 0
-        dets = determinants(self.sweeper, self.design, lines).reshape(shape)
+        inside = self.sampler.evaluator.field(self.design, lines)[0].reshape(shape) >= 0
+        dets = determinants(self.sampler.evaluator, self.design, lines).reshape(shape)
         found = [
             *self._crossed(k, through, line, dets, inside),
             *self._touched(k, through, line, dets, inside),
@@ -230,19 +234,19 @@ class _Search:
         """Return the determinants of poses with other values of one coordinate."""
         poses = through.copy()
         poses[k] = values
-        return determinants(self.sweeper, self.design, poses)
+        return determinants(self.sampler.evaluator, self.design, poses)
 
     def _common(self, k: int, through: NDArray[np.float64], value: float, count: int) -> bool:
         """Return whether lines have the zero that get there: some of them, and nearly all."""
         poses = through.copy()
         poses[k] = value
-        able = self.sweeper.field(self.design, poses)[0] >= 0
+        able = self.sampler.evaluator.field(self.design, poses)[0] >= 0
         # At the very end of the reach rounding decides.
         return count >= _FEWEST and count >= 0.8 * int(able.sum()) - 1
 
     def _snapped(self, k: int, value: float) -> float:
         """Return the special value that a zero is, if it is one."""
-        if self.sweeper.mechanism.pose[k].kind == "angle" and abs(value + math.pi) <= _NEARLY:
+        if self.sampler.space.mechanism.pose[k].kind == "angle" and abs(value + math.pi) <= _NEARLY:
             value = math.pi
         return next((v for v in self.special(k) if abs(v - value) <= _NEARLY), value)
 
@@ -258,17 +262,17 @@ def _grouped(values: list[float]) -> list[list[float]]:
     return groups
 
 
-def find_families(sweeper: Sweeper, design: Design) -> tuple[Family, ...]:
+def find_families(sampler: Sampler, design: Design) -> tuple[Family, ...]:
     """Find slices that are singular throughout; one that lies in another found is left out.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
         Its domain, where one is given, bounds the search; a mechanism's default domain does not.
     design : Design
         Its box must not be empty.
     """
-    search = _Search(sweeper, design)
+    search = _Search(sampler, design)
     dimension = len(search.names)
     for size in range(dimension):
         for chosen in itertools.combinations(range(dimension), size):

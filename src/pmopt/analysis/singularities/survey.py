@@ -20,15 +20,17 @@ from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
 from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
+from pmopt.analysis.sampling.aspects import AspectMap, determinants, map_aspects
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.estimates import Estimate
+from pmopt.analysis.sampling.evaluator import Notify
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
+from pmopt.analysis.sampling.warmup import warm_up
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.singularities.families import Family, find_families
 from pmopt.analysis.singularities.touching import least_along
-from pmopt.analysis.workspace.aspects import AspectMap, determinants, map_aspects
 from pmopt.analysis.workspace.emptiness import nothing_reachable, require_reachable
-from pmopt.analysis.workspace.estimates import Estimate
 from pmopt.analysis.workspace.projection import replicate
-from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper
-from pmopt.analysis.workspace.warmup import warm_up
 from pmopt.mechanisms.mechanism import Mechanism, Parameters, Vector
 from pmopt.numerics.matrices import determinant, singular_values, solve
 from pmopt.units import ONE
@@ -195,27 +197,27 @@ def find_singularities(
     """
     settings = settings or WorkspaceSettings()
     READS.check(settings)
-    sweeper = Sweeper(mechanism, settings, seed, threads, notify, where="singularities")
-    warm_up([sweeper], sweeper.threads)
-    design = sweeper.design(mechanism.resolve(params or {}))
+    sampler = make_sampler(mechanism, settings, seed, threads, notify, where="singularities")
+    warm_up([sampler.evaluator], sampler.threads)
+    design = sampler.design(mechanism.resolve(params or {}))
     if design.box_volume == 0:
         raise nothing_reachable(mechanism, design.parameters, settings, "singularities")
-    found = map_aspects(sweeper, design, grid)
-    coarse = map_aspects(sweeper, design, max(4, round(found.cells * 2 / 3)))
+    found = map_aspects(sampler.evaluator, design, grid)
+    coarse = map_aspects(sampler.evaluator, design, max(4, round(found.cells * 2 / 3)))
     replicates, count = split_samples(settings.samples or DEFAULT_SAMPLES, settings.replicates)
-    points = sweeper.sequence(replicates)
+    points = sampler.sequence(replicates)
     labels = np.zeros((replicates, len(found.counts) + 1))
     reached, smallest, some = np.zeros(replicates), math.inf, []
     for r in range(replicates):
-        poses = sweeper.points(design, replicate(points, r), 0, count)
-        margin, lci = sweeper.field(design, poses)
+        poses = sampler.evaluator.points(design, replicate(points, r), 0, count)
+        margin, lci = sampler.evaluator.field(design, poses)
         kept = (margin >= 0) & (lci >= settings.min_lci)
         poses = poses[:, kept]
         reached[r] = poses.shape[1]
         some.append(poses[:, : -(-_PROBES // replicates)])
         if poses.shape[1]:
             smallest = min(smallest, float(lci[kept].min()))
-            members = found.of(poses, determinants(sweeper, design, poses))
+            members = found.of(poses, determinants(sampler.evaluator, design, poses))
             labels[r] = np.bincount(members, minlength=labels.shape[1])
     require_reachable(
         int(reached.sum()), mechanism, design.parameters, settings, "singularities",
@@ -223,12 +225,12 @@ def find_singularities(
     )  # fmt: skip
     home = mechanism.home(design.parameters)
     here = np.array([list(home.values())]).T
-    margin, lci = sweeper.field(design, here)
+    margin, lci = sampler.evaluator.field(design, here)
     inside = bool(margin[0] >= 0)
-    own = int(found.of(here, determinants(sweeper, design, here))[0]) if inside else 0
+    own = int(found.of(here, determinants(sampler.evaluator, design, here))[0]) if inside else 0
     columns = np.concatenate(some, axis=1).T.tolist()
     probes = [dict(zip(home, column, strict=True)) for column in columns]
-    nearness, least = _nearness(sweeper, design, probes)
+    nearness, least = _nearness(sampler, design, probes)
     aspects, specks = _aspects(design, found, labels, reached, count, own)
     units = {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.passive, *mechanism.parasitic)}
@@ -236,16 +238,16 @@ def find_singularities(
     units |= {"volume": mechanism.volume_unit, "share": ONE, "lci": ONE, "smallest": ONE}
     units |= {"characteristic_length": mechanism.length_unit, "smallest_singular_value": ONE}
     return SingularityResult(
-        subject=sweeper.subject(design),
+        subject=sampler.space.subject(design),
         home=home,
         home_lci=float(lci[0]) if inside else 0.0,
-        jacobian=sweeper.jacobian,
-        characteristic_length=design.length if sweeper.jacobian == "homogenized" else None,
+        jacobian=sampler.space.jacobian,
+        characteristic_length=design.length if sampler.space.jacobian == "homogenized" else None,
         smallest_lci=smallest,
         smallest_singular_value=least,
         nearness=nearness,
-        families=find_families(sweeper, design),
-        walls=_walls(sweeper, design, home) if inside else (),
+        families=find_families(sampler, design),
+        walls=_walls(sampler, design, home) if inside else (),
         aspects=aspects,
         specks=specks,
         confirmed=_large(found) == _large(coarse),
@@ -297,14 +299,14 @@ def _aspects(
 
 
 def _nearness(
-    sweeper: Sweeper, design: Design, probes: list[dict[str, float]]
+    sampler: Sampler, design: Design, probes: list[dict[str, float]]
 ) -> tuple[tuple[Nearness, ...], float]:
     """Return the least of each measure over some poses, and the least singular value."""
-    mechanism, parameters = sweeper.mechanism, design.parameters
+    mechanism, parameters = sampler.space.mechanism, design.parameters
     rows, poses, maps = [], [], []
     least = math.inf
     for pose in probes:
-        branch = branch_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
+        branch = branch_at(sampler.space.mechanism, sampler.space.working_mode, parameters, pose)
         if branch is None:
             continue
         found = mechanism.singularity_measures(parameters, pose, branch.joints)
@@ -323,7 +325,7 @@ def _nearness(
     for kind, part in rows[0] if rows else ():
         values = np.array([row[kind, part] for row in rows])
         crossed = bool(values.min() < 0 < values.max())
-        zeros = _zeros(sweeper, parameters, (kind, part), poses, values) if crossed else []
+        zeros = _zeros(sampler, parameters, (kind, part), poses, values) if crossed else []
         result.append(
             Nearness(kind, part, mechanism.condition(kind, part),
                      0.0 if crossed else float(np.abs(values).min()),
@@ -333,7 +335,7 @@ def _nearness(
 
 
 def _zeros(
-    sweeper: Sweeper,
+    sampler: Sampler,
     parameters: Parameters,
     key: tuple[str, str],
     poses: list[dict[str, float]],
@@ -347,12 +349,14 @@ def _zeros(
         pose, value = a, math.inf
         for _ in range(52):
             pose = {k: (a[k] + b[k]) / 2 for k in a}
-            found = measures_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
+            found = measures_at(
+                sampler.space.mechanism, sampler.space.working_mode, parameters, pose
+            )
             if found is None:
                 break
             value = found[key]
             a, b = (pose, b) if value > 0 else (a, pose)
-        branch = branch_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
+        branch = branch_at(sampler.space.mechanism, sampler.space.working_mode, parameters, pose)
         # The line between the poses may leave the reach, or meet a jump of the measure.
         if branch is not None and abs(value) < _ZERO:
             zeros.append({**pose, **branch.joints, **branch.parasitic, **branch.passive})
@@ -373,18 +377,18 @@ def _always(zeros: list[dict[str, float]]) -> dict[str, float]:
     return found
 
 
-def _kind_at(sweeper: Sweeper, parameters: Parameters, pose: Mapping[str, float]) -> str:
+def _kind_at(sampler: Sampler, parameters: Parameters, pose: Mapping[str, float]) -> str:
     """Return the kind of the measure that is smallest at a singular pose."""
-    measures = measures_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
+    measures = measures_at(sampler.space.mechanism, sampler.space.working_mode, parameters, pose)
     if not measures:
         return "inverse"
     return min(measures, key=lambda key: abs(measures[key]))[0]
 
 
-def _walls(sweeper: Sweeper, design: Design, home: Mapping[str, float]) -> tuple[Wall, ...]:
+def _walls(sampler: Sampler, design: Design, home: Mapping[str, float]) -> tuple[Wall, ...]:
     """Follow every coordinate from home, both ways, to the first singularity or end of reach."""
     walls = []
-    for k, coordinate in enumerate(sweeper.mechanism.pose):
+    for k, coordinate in enumerate(sampler.space.mechanism.pose):
         low, high = design.lower[k], design.lower[k] + design.width[k]
         for direction, end in ((-1, low), (1, high)):
             if (end - home[coordinate.name]) * direction <= 0:
@@ -394,12 +398,12 @@ def _walls(sweeper: Sweeper, design: Design, home: Mapping[str, float]) -> tuple
                 end = design.given[coordinate.name][side]
             else:
                 end += direction * _BEYOND * (high - low)  # reach ends by itself: go and see
-            walls.append(_wall(sweeper, design, home, k, direction, float(end)))
+            walls.append(_wall(sampler, design, home, k, direction, float(end)))
     return tuple(walls)
 
 
 def _wall(
-    sweeper: Sweeper, design: Design, home: Mapping[str, float], k: int, direction: int, end: float
+    sampler: Sampler, design: Design, home: Mapping[str, float], k: int, direction: int, end: float
 ) -> Wall:
     names = list(home)
     start = home[names[k]]
@@ -410,35 +414,39 @@ def _wall(
     line = np.linspace(start, end, _STEPS)
     poses = np.repeat(at(start), _STEPS, axis=1)
     poses[k] = line
-    margin, _ = sweeper.field(design, poses)
-    dets = determinants(sweeper, design, poses)
+    margin, _ = sampler.evaluator.field(design, poses)
+    dets = determinants(sampler.evaluator, design, poses)
     out = np.flatnonzero(margin < 0)
     flips = np.flatnonzero(np.sign(dets[1:]) != np.sign(dets[0])) + 1
     last = int(out[0]) if len(out) else _STEPS
     first = int(flips[0]) if len(flips) else _STEPS
-    touch = _touch_along(sweeper, design, poses, k, dets, min(first, last))
+    touch = _touch_along(sampler, design, poses, k, dets, min(first, last))
+
+    def on_this_side(value: float) -> bool:
+        here = float(determinants(sampler.evaluator, design, at(value))[0])
+        return bool(here * np.sign(dets[0]) > 0)
+
     if touch is not None or first < last:
-        value = touch if touch is not None else _bisect(
-            lambda v: float(determinants(sweeper, design, at(v))[0]) * np.sign(dets[0]) > 0,
-            float(line[first - 1]), float(line[first]),
-        )  # fmt: skip
+        value = touch
+        if value is None:
+            value = _bisect(on_this_side, float(line[first - 1]), float(line[first]))
         pose = {n: (value if n == names[k] else v) for n, v in home.items()}
-        kind = _kind_at(sweeper, design.parameters, pose)
+        kind = _kind_at(sampler, design.parameters, pose)
         return Wall(names[k], direction, value, KINDS[kind],
-                    _values(sweeper, design, pose))  # fmt: skip
+                    _values(sampler, design, pose))  # fmt: skip
     if last == _STEPS:
         return Wall(names[k], direction, end, "end of the domain", {})
     value = _bisect(
-        lambda v: float(sweeper.field(design, at(v))[0][0]) >= 0,
+        lambda v: float(sampler.evaluator.field(design, at(v))[0][0]) >= 0,
         float(line[last - 1]), float(line[last]),
     )  # fmt: skip
     pose = {n: (value if n == names[k] else v) for n, v in home.items()}
-    return Wall(names[k], direction, value, _end_of_reach(sweeper, design, pose),
-                _values(sweeper, design, pose))  # fmt: skip
+    return Wall(names[k], direction, value, _end_of_reach(sampler, design, pose),
+                _values(sampler, design, pose))  # fmt: skip
 
 
 def _touch_along(
-    sweeper: Sweeper, design: Design, poses: np.ndarray[Any, np.dtype[np.float64]], k: int,
+    sampler: Sampler, design: Design, poses: np.ndarray[Any, np.dtype[np.float64]], k: int,
     dets: Vector, last: int,
 ) -> float | None:  # fmt: skip
     """Return where the determinant first touches 0 along a line, None where it does not."""
@@ -450,7 +458,7 @@ def _touch_along(
     def size_at(values: Vector) -> Vector:
         columns = poses[:, least].copy()
         columns[k] = values
-        return np.abs(determinants(sweeper, design, columns))
+        return np.abs(determinants(sampler.evaluator, design, columns))
 
     ends = np.sort(np.stack([poses[k, least - 1], poses[k, least + 1]]), axis=0)
     places, sizes = least_along(size_at, ends[0], ends[1])
@@ -469,18 +477,18 @@ def _bisect(holds: Any, inside: float, outside: float) -> float:
     return inside
 
 
-def _values(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -> dict[str, float]:
+def _values(sampler: Sampler, design: Design, pose: Mapping[str, float]) -> dict[str, float]:
     """Return joints, parasitic and passive coordinates at a pose."""
-    branch = branch_at(sweeper.mechanism, sweeper.working_mode, design.parameters, pose)
+    branch = branch_at(sampler.space.mechanism, sampler.space.working_mode, design.parameters, pose)
     if branch is None:
         return {}
     return {**branch.joints, **branch.parasitic, **branch.passive}
 
 
-def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -> str:
+def _end_of_reach(sampler: Sampler, design: Design, pose: Mapping[str, float]) -> str:
     """Say what ends the reach at a pose on its boundary: a limit, or a limb's own reach."""
-    mechanism = sweeper.mechanism
-    values = _values(sweeper, design, pose)
+    mechanism = sampler.space.mechanism
+    values = _values(sampler, design, pose)
     nearest: tuple[float, str] | None = None
     for c in mechanism.limited:
         for name, value in values.items():
@@ -492,7 +500,9 @@ def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -
     size = mechanism.characteristic_length(design.parameters)
     if nearest is not None and nearest[0] <= 1e-6 * max(size, 1.0):
         return nearest[1]
-    measures = measures_at(sweeper.mechanism, sweeper.working_mode, design.parameters, pose)
+    measures = measures_at(
+        sampler.space.mechanism, sampler.space.working_mode, design.parameters, pose
+    )
     if measures:
         small = {key: abs(v) for key, v in measures.items() if key[0] == "inverse"}
         part = min(small, key=lambda key: small[key])
@@ -500,6 +510,7 @@ def _end_of_reach(sweeper: Sweeper, design: Design, pose: Mapping[str, float]) -
             return f"{KINDS['inverse']}, {part[1]}"
     return (
         "a limit of clearance, cone or design"
-        if sweeper.settings.link_diameter or (sweeper.settings.cone_angle or sweeper.settings.tool)
+        if sampler.space.settings.link_diameter
+        or (sampler.space.settings.cone_angle or sampler.space.settings.tool)
         else "end of reach"
     )

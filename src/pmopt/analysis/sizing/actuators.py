@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 from pmopt.analysis.motion.dynamics import Mover, angular_motion
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
+from pmopt.analysis.sampling.estimates import Estimate
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import MAX_SAMPLES, WorkspaceSettings
 from pmopt.analysis.sizing.twists import Motions
-from pmopt.analysis.workspace.estimates import Estimate
 from pmopt.analysis.workspace.projection import reachable_poses, replicate
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError, unknown_name
 from pmopt.inputs.quantities import QuantityError, as_quantity
 from pmopt.mechanisms import find
@@ -450,10 +450,10 @@ def compute_capability(
         )
     given = check_limits(mechanism, limits, "capability")
     mode = mechanism.check_mode(settings.working_mode)
-    sweeper = Sweeper(mechanism, settings, seed, threads, notify, where="capability")
+    sampler = make_sampler(mechanism, settings, seed, threads, notify, where="capability")
     asked = Demands(mechanism, parameters, mode, task, bodies, threads, notify)
-    design = sweeper.design(parameters)
-    points = sweeper.sequence(REPLICATES)
+    design = sampler.design(parameters)
+    points = sampler.sequence(REPLICATES)
     count = max(1, math.ceil(samples / REPLICATES / BLOCK)) * BLOCK
     bounds = np.array([given.get(name, math.inf) for name in asked.names])
     kept: type[_Exact] | type[_Binned] = _Exact if REPLICATES * count <= _MOST_KEPT else _Binned
@@ -467,7 +467,7 @@ def compute_capability(
         reached, within, enough = 0, 0, np.zeros(len(bounds), dtype=np.int64)
         for first in range(0, count, _PART):
             last = min(first + _PART, count)
-            poses, _ = reachable_poses(sweeper, design, replicate(points, r), first, last)
+            poses, _ = reachable_poses(sampler.evaluator, design, replicate(points, r), first, last)
             values = asked.at(poses)
             kept_here = values <= bounds[:, None]
             reached += values.shape[1]
@@ -517,7 +517,7 @@ def compute_capability(
         value = sum(capable) / total
         part_kept = Estimate(value, max(_error(shares, value), 1 / reachable))
     return Capability(
-        subject=sweeper.subject(design),
+        subject=sampler.space.subject(design),
         task=task,
         volume=_mean(whole, part),
         capable=_mean(capable, part),

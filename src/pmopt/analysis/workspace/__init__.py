@@ -1,1 +1,1 @@
-"""Sampling the poses in reach: volume, index, shape, positions."""
+"""The poses in reach: volume, index, shape, positions; why there are none."""

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.kinematics.determinants import branch_at
 from pmopt.analysis.kinematics.limits import of_limb
+from pmopt.analysis.sampling.aspects import FieldEvaluator
+from pmopt.analysis.sampling.design_space import TOOL, Design
+from pmopt.analysis.sampling.evaluator import Evaluator
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.aspects import make_sweeper
-from pmopt.analysis.workspace.sweeper import TOOL, Design, Sweeper
-from pmopt.errors import InfeasibleError, PmoptError
+from pmopt.errors import InfeasibleError, InputError, PmoptError
 from pmopt.mechanisms.mechanism import Coordinate, Mechanism, Parameters
 from pmopt.units import ONE, exact, unit_of
 
@@ -53,7 +55,7 @@ class Restriction:
 class _Trial:
     """What a trial reaches: a sample of poses (d, N) and their LCI."""
 
-    sweeper: Sweeper
+    sampler: Sampler
     design: Design
     poses: NDArray[np.float64]
     lci: NDArray[np.float64]
@@ -123,16 +125,16 @@ class _Question:
         idle = {"sampler": "r-sequence", "grid": None, "block": None}
         settings = self.settings.model_copy(update={**idle, **update})
         try:
-            sweeper = make_sweeper(self.mechanism, settings)
-            design = sweeper.design(parameters)
+            sampler = make_sampler(self.mechanism, settings)
+            design = sampler.design(parameters)
             if not 0 < design.box_volume < math.inf:
                 return None
-            poses = sweeper.points(design, sweeper.sequence(1), 0, _POSES)
-            margin, lci = sweeper.field(design, poses)
+            poses = sampler.evaluator.points(design, sampler.sequence(1), 0, _POSES)
+            margin, lci = sampler.evaluator.field(design, poses)
         except (PmoptError, ArithmeticError, ValueError):
             return None  # such a design cannot be made ready: nothing of it is reachable
         kept = (margin >= 0) & (lci >= settings.min_lci)
-        return _Trial(sweeper, design, poses[:, kept], lci[kept]) if kept.any() else None
+        return _Trial(sampler, design, poses[:, kept], lci[kept]) if kept.any() else None
 
     def edge(self, good: float, bad: float, trial: Callable[[float], _Trial | None]) -> float:
         """Return about the last value, from one that reaches something, that does."""
@@ -157,7 +159,9 @@ class _Question:
         if one.kind == "aspect":
             return f"aspect={value} leaves nothing"
         if one.kind == "working_mode":
-            return f"working_mode={value} leaves nothing; {found.sweeper.working_mode} does not"
+            return (
+                f"working_mode={value} leaves nothing; {found.sampler.space.working_mode} does not"
+            )
         return self._size(one, unit, value, dropped - {one})
 
     def _range(self, one: Restriction, found: _Trial) -> str:
@@ -233,14 +237,14 @@ class _Question:
         poses = found.poses[:, ::step]
         tools = [c.name for c in TOOL]
         if one.name in tools:
-            places: NDArray[np.float64] = found.sweeper.probe(found.design, poses).tool
+            places: NDArray[np.float64] = found.sampler.evaluator.probe(found.design, poses).tool
             met: NDArray[np.float64] = places[:, tools.index(one.name)]
             return met
         values = []
         for column in poses.T.tolist():
             pose = dict(zip(names, column, strict=True))
             branch = branch_at(
-                self.mechanism, found.sweeper.working_mode, found.design.parameters, pose
+                self.mechanism, found.sampler.space.working_mode, found.design.parameters, pose
             )
             if branch is not None:
                 joints = {**branch.joints, **branch.passive}
@@ -318,6 +322,25 @@ def nothing_reachable(
     samples: int | None = None,
 ) -> InfeasibleError:
     """Return the error for a workspace with nothing in it, or of which no sample was met."""
-    sampled = make_sweeper(mechanism, settings).design(parameters).box_volume > 0
+    sampled = make_sampler(mechanism, settings).design(parameters).box_volume > 0
     met = f"none of {samples} poses is" if samples and sampled else "nothing is"
     return InfeasibleError(f"{where}: {met} reachable: {explain(mechanism, parameters, settings)}")
+
+
+def require_home(evaluator: Evaluator, design: Design) -> None:
+    """Refuse a design whose home pose is out of reach: it has no home aspect.
+
+    Raises
+    ------
+    InfeasibleError
+    InputError
+    """
+    space = evaluator.space
+    if not isinstance(evaluator, FieldEvaluator) or space.settings.aspect is None:
+        return
+    if design.box_volume == 0:
+        raise nothing_reachable(space.mechanism, design.parameters, space.settings, "aspect")
+    if evaluator.home(design)[1] == 0:
+        home = space.mechanism.home(design.parameters)
+        shown = ",".join(f"{k}={exact(v)}" for k, v in home.items())
+        raise InputError(f"aspect: the home pose {shown} is not within reach and limits")

@@ -12,8 +12,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.aspects import determinants
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
+from pmopt.analysis.sampling.aspects import determinants
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.numerics import sequences
 from pmopt.seeds import seed_sequence
 
@@ -49,13 +50,13 @@ class Extreme(NamedTuple):
 
 
 def find_extremes(
-    sweeper: Sweeper, design: Design, smallest: float, largest: float
+    sampler: Sampler, design: Design, smallest: float, largest: float
 ) -> tuple[Extreme, Extreme]:
     """Return the least and the largest LCI of a design.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     smallest, largest : float
         Of a sample, NaN where nothing of it is reachable.
@@ -68,43 +69,43 @@ def find_extremes(
     """
     if not smallest <= largest:
         return Extreme(smallest, "found"), Extreme(largest, "found")
-    settings = sweeper.settings
+    settings = sampler.space.settings
     dimension = len(design.width)
     points = sequences.make_sequence(
-        "r-sequence", dimension, 1, seed_sequence(sweeper.seed, "extremes of the index")
+        "r-sequence", dimension, 1, seed_sequence(sampler.seed, "extremes of the index")
     )
-    poses = sweeper.points(design, points, 0, _POSES)
-    margin, lci = sweeper.field(design, poses)
+    poses = sampler.evaluator.points(design, points, 0, _POSES)
+    margin, lci = sampler.evaluator.field(design, poses)
     inside = np.flatnonzero((margin >= 0) & (lci >= settings.min_lci))
     if len(inside) > 0:
         poses, lci = poses[:, inside], lci[inside]
-        found = _search(sweeper, design, poses, lci)
+        found = _search(sampler, design, poses, lci)
         smallest, largest = min(smallest, found[0]), max(largest, found[1])
         # An aspect has no singularity inside, and a block's index may be anything at one.
         whole = settings.aspect is None and settings.block is None
-        if whole and settings.min_lci == 0 and _crosses(sweeper, design, poses, lci):
+        if whole and settings.min_lci == 0 and _crosses(sampler, design, poses, lci):
             smallest = 0.0
     least = smallest <= settings.min_lci + (_EXACT if settings.min_lci > 0 else 0.0)
-    most = largest >= _ceiling(sweeper) - _EXACT
+    most = largest >= _ceiling(sampler) - _EXACT
     return (
         Extreme(smallest, "proven" if least else "found"),
         Extreme(largest, "proven" if most else "found"),
     )
 
 
-def _ceiling(sweeper: Sweeper) -> float:
+def _ceiling(sampler: Sampler) -> float:
     """Return the index at isotropy."""
-    settings = sweeper.settings
+    settings = sampler.space.settings
     if settings.norm == "2":
         return 1.0
     if settings.block is None:
-        return 1.0 / len(sweeper.mechanism.joints)
+        return 1.0 / len(sampler.space.mechanism.joints)
     kind = "length" if settings.block == "translational" else "angle"
-    return 1.0 / sum(c.kind == kind for c in sweeper.mechanism.pose)
+    return 1.0 / sum(c.kind == kind for c in sampler.space.mechanism.pose)
 
 
 def _search(
-    sweeper: Sweeper, design: Design, poses: NDArray[np.float64], lci: NDArray[np.float64]
+    sampler: Sampler, design: Design, poses: NDArray[np.float64], lci: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return the least and the largest LCI met by a direct search from the best poses.
 
@@ -129,8 +130,10 @@ def _search(
         tried[:, :-1] = at[:, None] + cube[:, :, None] * size
         tried[:, -1] = at + 2 * step  # on, where the last round has led
         tried = np.clip(tried, 0.0, 1.0)
-        margin, found = sweeper.field(design, lower + width * tried.reshape(dimension, -1))
-        counts = (margin >= 0) & (found >= sweeper.settings.min_lci)
+        margin, found = sampler.evaluator.field(
+            design, lower + width * tried.reshape(dimension, -1)
+        )
+        counts = (margin >= 0) & (found >= sampler.space.settings.min_lci)
         values = np.where(counts, found, np.inf).reshape(trials + 1, -1)
         values = np.where(np.isfinite(values), sign * values, np.inf)
         pick = values.argmin(axis=0)
@@ -159,12 +162,12 @@ def _spread(inner: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[
 
 
 def _crosses(
-    sweeper: Sweeper, design: Design, poses: NDArray[np.float64], lci: NDArray[np.float64]
+    sampler: Sampler, design: Design, poses: NDArray[np.float64], lci: NDArray[np.float64]
 ) -> bool:
     """Return whether a singularity lies between two poses next to each other within the limits."""
     order = np.argsort(lci, kind="stable")[:_SIGNED]
     poses = poses[:, order]
-    dets = determinants(sweeper, design, poses)
+    dets = determinants(sampler.evaluator, design, poses)
     above, below = (np.flatnonzero(s * dets > _CLEAR) for s in (1.0, -1.0))
     if len(above) == 0 or len(below) == 0:
         return False
@@ -179,8 +182,8 @@ def _crosses(
     near = np.ones(len(one))
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        near = determinants(sweeper, design, middle)
+        near = determinants(sampler.evaluator, design, middle)
         same = near * sign > 0
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    within = [sweeper.field(design, ends)[0] >= 0 for ends in (low, high)]
+    within = [sampler.evaluator.field(design, ends)[0] >= 0 for ends in (low, high)]
     return bool((within[0] & within[1] & (np.abs(near) < _NEXT)).any())

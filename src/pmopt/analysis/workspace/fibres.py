@@ -1,7 +1,7 @@
 """Whether a position is reached: a search among the poses that have it.
 
 With d pose coordinates the poses of one position form a fibre of d - 3 dimensions. A position is
-reached if the slack (see :meth:`pmopt.analysis.workspace.sweeper.Sweeper.locate`) is >= 0
+reached if the slack (see :meth:`pmopt.analysis.sampling.evaluator.Evaluator.locate`) is >= 0
 somewhere on its fibre. A search begins at a pose whose position is near; see
 :mod:`pmopt.kernels.ascent`.
 """
@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.evaluator import Evaluator
 from pmopt.compiler import programs
 from pmopt.execution.threads import ordered_map
 from pmopt.kernels import ascent
@@ -38,7 +39,7 @@ class Ground:
         Of their positions, > 0: the units of misses.
     """
 
-    sweeper: Sweeper
+    evaluator: Evaluator
     design: Design
     spread: Vector
     sides: Vector
@@ -69,7 +70,7 @@ def seek(
         ordered_map(
             lambda part: _seek(ground, targets[:, part], poses[:, part], effort),
             parts,
-            ground.sweeper.threads,
+            ground.evaluator.threads,
         )
     )
     if not found:
@@ -103,7 +104,7 @@ def _seek(
         moved = np.repeat(poses[:, None, at], axes + 1, axis=1)
         for k in range(axes):
             moved[k, 1 + k] += ascent.DIFFERENCE
-        slack, places = ground.sweeper.locate(design, moved.reshape(axes, -1) * scale)
+        slack, places = ground.evaluator.locate(design, moved.reshape(axes, -1) * scale)
         places /= sides[:, None]
         programs.searching().advance(
             turn, at, slack.reshape(axes + 1, -1), places.reshape(3, axes + 1, -1), goal,

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.estimates import Estimate
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.estimates import Estimate
+from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.workspace.fibres import Ground, seek
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.kernels import ascent
 from pmopt.numerics.elementary import power
 from pmopt.numerics.sequences import make_sequence
@@ -135,7 +136,7 @@ class _Map:
 
 
 def measure_positions(
-    sweeper: Sweeper,
+    sampler: Sampler,
     design: Design,
     poses: Array,
     places: Array,
@@ -145,7 +146,7 @@ def measure_positions(
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     poses, places : (d, K), (3, K) float64
         Reachable poses and their positions.
@@ -157,12 +158,12 @@ def measure_positions(
     if len(poses) < 3 or not sides.min() > _FLAT * sides.max():
         return Reached(Estimate(0.0, 0.0), places[:, :0], False)
     spread = np.ptp(poses, axis=1)
-    ground = Ground(sweeper, design, np.where(spread > 0, spread, design.width), sides)
-    near = max(samples // (_POSES_A_POSITION * sweeper.slowness), _FEWEST)
+    ground = Ground(sampler.evaluator, design, np.where(spread > 0, spread, design.width), sides)
+    near = max(samples // (_POSES_A_POSITION * sampler.evaluator.slowness), _FEWEST)
     filled = _filled((places - first[:, None]) / sides[:, None])
     each = int(near * min(1 / filled, _MOST_FOR_ONE)) // _REPLICATES
     points = make_sequence("r-sequence", 3, _REPLICATES, seed_sequence(
-        sweeper.seed, f"{sweeper.purpose}, places"))  # fmt: skip
+        sampler.seed, f"{sampler.purpose}, places"))  # fmt: skip
     numbers = np.arange(each, dtype=np.uint64)
     shares = (
         np.concatenate(

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.cells import hull, label
-from pmopt.analysis.workspace.estimates import Estimate, from_replicates
+from pmopt.analysis.sampling.cells import hull, label
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.estimates import Estimate, from_replicates
+from pmopt.analysis.sampling.evaluator import Evaluator
+from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.workspace.positions import measure_positions
 from pmopt.analysis.workspace.shape import Shape, Topology, confirmed, measure_shape, topology_of
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
 from pmopt.execution.threads import ordered_map
 from pmopt.mechanisms.mechanism import Vector
 from pmopt.numerics.elementary import power
@@ -70,12 +72,12 @@ class Projection:
 
 
 def reachable_poses(
-    sweeper: Sweeper, design: Design, points: Sequence, first: int, last: int
+    evaluator: Evaluator, design: Design, points: Sequence, first: int, last: int
 ) -> tuple[NDArray[np.float64], Vector]:
     """Return the points of the first replicate that are reachable, (d, N), and their indices."""
-    poses = sweeper.points(design, points, first, last)
-    margin, lci = sweeper.field(design, poses)
-    kept = (margin >= 0) & (lci >= sweeper.settings.min_lci)
+    poses = evaluator.points(design, points, first, last)
+    margin, lci = evaluator.field(design, poses)
+    kept = (margin >= 0) & (lci >= evaluator.space.settings.min_lci)
     return poses[:, kept], lci[kept]
 
 
@@ -85,18 +87,18 @@ def replicate(points: Sequence, number: int) -> Sequence:
     return points._replace(start=points.start[one], high=points.high[one], low=points.low[one])
 
 
-def positions_are_poses(sweeper: Sweeper, design: Design) -> bool:
+def positions_are_poses(evaluator: Evaluator, design: Design) -> bool:
     """Return whether a pose is a position and nothing else, as where a platform only translates."""
-    if [c.kind for c in sweeper.mechanism.pose] != ["length"] * 3:
+    if [c.kind for c in evaluator.space.mechanism.pose] != ["length"] * 3:
         return False
     poses = design.lower[:, None] + design.width[:, None] * np.array([0.3, 0.5, 0.8, 0.9])
     poses[0] = np.roll(poses[0], 1)
-    offset = sweeper.probe(design, poses).tool - poses.T
+    offset = evaluator.probe(design, poses).tool - poses.T
     return bool(np.ptp(offset, axis=0).max() <= 1e-12 * design.width.max())
 
 
 def measure_projection(
-    sweeper: Sweeper,
+    sampler: Sampler,
     design: Design,
     samples: int = PROJECTION_SAMPLES,
     known: tuple[Estimate, Shape] | None = None,
@@ -109,7 +111,7 @@ def measure_projection(
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     samples : int
         Of all replicates together.
@@ -118,19 +120,19 @@ def measure_projection(
     """
     if design.box_volume == 0:
         return _nothing(Estimate(math.nan, math.nan))
-    points = sweeper.for_purpose(f"{sweeper.purpose}, projection").sequence(_REPLICATES)
+    points = sampler.for_purpose(f"{sampler.purpose}, projection").sequence(_REPLICATES)
     count = max(1, samples // _REPLICATES // BLOCK) * BLOCK
     parts = [replicate(points, r) for r in range(_REPLICATES)]
-    footprint = measure_footprint(sweeper, design, points, count)
-    if positions_are_poses(sweeper, design):
+    footprint = measure_footprint(sampler, design, points, count)
+    if positions_are_poses(sampler.evaluator, design):
         if known is None:
-            sums = sweeper.tally([design], sweeper.sequence(16), 0, max(count // 4, 1))
-            known = from_replicates(sums).volume, measure_shape(sweeper, design, _ROUGH)
+            sums = sampler.evaluator.tally([design], sampler.sequence(16), 0, max(count // 4, 1))
+            known = from_replicates(sums).volume, measure_shape(sampler.evaluator, design, _ROUGH)
         return Projection(known[0], footprint, known[1].workspace, known[1].grid)
-    poses, places = _reachable(sweeper, design, parts, count)
+    poses, places = _reachable(sampler, design, parts, count)
     if places.shape[1] < _LEAST_POSES:
         return _nothing(footprint)
-    found = measure_positions(sweeper, design, poses, places, samples)
+    found = measure_positions(sampler, design, poses, places, samples)
     joined = np.concatenate([places, found.places], axis=1).T
     lower, upper = joined.min(axis=0), joined.max(axis=0)
     sides = np.maximum(upper - lower, 1e-9 * (upper - lower).max())
@@ -151,28 +153,28 @@ def _nothing(footprint: Estimate) -> Projection:
 
 
 def _reachable(
-    sweeper: Sweeper, design: Design, parts: list[Sequence], count: int
+    sampler: Sampler, design: Design, parts: list[Sequence], count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the points of sequences that are reachable, (d, K), and their positions, (3, K)."""
 
     def located(work: tuple[Sequence, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         points, first = work
-        poses = sweeper.points(design, points, first, min(first + _BATCH, count))
-        slack, places = sweeper.locate(design, poses)
+        poses = sampler.evaluator.points(design, points, first, min(first + _BATCH, count))
+        slack, places = sampler.evaluator.locate(design, poses)
         return poses[:, slack >= 0], places[:, slack >= 0]
 
     work = [(part, first) for part in parts for first in range(0, count, _BATCH)]
-    found = list(ordered_map(located, work, sweeper.threads))
+    found = list(ordered_map(located, work, sampler.threads))
     return (np.concatenate([f[0] for f in found], axis=1),
             np.concatenate([f[1] for f in found], axis=1))  # fmt: skip
 
 
-def measure_footprint(sweeper: Sweeper, design: Design, points: Sequence, count: int) -> Estimate:
+def measure_footprint(sampler: Sampler, design: Design, points: Sequence, count: int) -> Estimate:
     """Measure the floor area needed; NaN where no pose of the sample is reachable.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     points : Sequence
         Of some replicates.
@@ -181,7 +183,9 @@ def measure_footprint(sweeper: Sweeper, design: Design, points: Sequence, count:
     """
     parts = [replicate(points, r) for r in range(points.replicates)]
     ends = list(
-        ordered_map(lambda part: sweeper.outline(design, part, 0, count), parts, sweeper.threads)
+        ordered_map(
+            lambda part: sampler.evaluator.outline(design, part, 0, count), parts, sampler.threads
+        )
     )
     if not any(map(len, ends)):
         return Estimate(math.nan, math.nan)
@@ -229,27 +233,27 @@ class Positions:
 
 
 def reached_positions(
-    sweeper: Sweeper, design: Design, samples: int = PROJECTION_SAMPLES, most: int = 80
+    sampler: Sampler, design: Design, samples: int = PROJECTION_SAMPLES, most: int = 80
 ) -> Positions | None:
     """Return where the platform's centre, or the tool point, gets; None where it gets nowhere.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    sampler : Sampler
     design : Design
     samples : int
         Of poses; up to eight times as many where few of them are reachable.
     most : int
         Voxels along the longest side, fewer where positions are few.
     """
-    points = sweeper.for_purpose(f"{sweeper.purpose}, positions").sequence(1)
+    points = sampler.for_purpose(f"{sampler.purpose}, positions").sequence(1)
     count = max(1, samples // BLOCK) * BLOCK
     found: list[tuple[NDArray[np.float64], Vector]] = []
     known = 0
     while known < samples // 4 and len(found) < 8:
         first = len(found) * count
-        poses, lci = reachable_poses(sweeper, design, points, first, first + count)
-        found.append((sweeper.probe(design, poses).tool, lci))
+        poses, lci = reachable_poses(sampler.evaluator, design, points, first, first + count)
+        found.append((sampler.evaluator.probe(design, poses).tool, lci))
         known += len(lci)
         if known == 0:
             break

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.cells import label, lattice_points
-from pmopt.analysis.workspace.sweeper import Design, Sweeper
+from pmopt.analysis.sampling.cells import label, lattice_points
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.evaluator import Evaluator
 from pmopt.errors import InputError
 from pmopt.execution.threads import ordered_map
 
@@ -96,18 +97,18 @@ def grid_points(design: Design, count: int) -> NDArray[np.float64]:
     return lattice_points(np.linspace(design.lower, design.lower + design.width, count, axis=1))
 
 
-def measure_shape(sweeper: Sweeper, design: Design, cells: int) -> Shape:
+def measure_shape(evaluator: Evaluator, design: Design, cells: int) -> Shape:
     """Count pieces and voids of the workspace and of each dexterity region.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    evaluator : Evaluator
     design : Design
     cells : int
         Cells per axis of the design's box.
     """
-    fine = _topologies(sweeper, design, cells)
-    coarse = _topologies(sweeper, design, max(4, round(cells * _COARSER)))
+    fine = _topologies(evaluator, design, cells)
+    coarse = _topologies(evaluator, design, max(4, round(cells * _COARSER)))
     whole, *regions = (confirmed(a, b) for a, b in zip(fine, coarse, strict=True))
     return Shape(cells, whole, tuple(regions))
 
@@ -116,14 +117,16 @@ def _counts(topology: Topology) -> tuple[int, int, int]:
     return topology.pieces, topology.voids, topology.pockets
 
 
-def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
+def _topologies(evaluator: Evaluator, design: Design, cells: int) -> list[Topology]:
     if design.box_volume == 0:
-        return [Topology(0, (), 0, 0, 0, True)] * (len(sweeper.settings.regions))
+        return [Topology(0, (), 0, 0, 0, True)] * (len(evaluator.space.settings.regions))
     shape = (cells + 1,) * len(design.width)
-    margin, lci = (v.reshape(shape) for v in sweeper.field(design, grid_points(design, cells + 1)))
-    reached = (margin >= 0.0) & (lci >= sweeper.settings.min_lci)
+    margin, lci = (
+        v.reshape(shape) for v in evaluator.field(design, grid_points(design, cells + 1))
+    )
+    reached = (margin >= 0.0) & (lci >= evaluator.space.settings.min_lci)
     inside = _any_corner(reached)
-    edges = sweeper.settings.regions
+    edges = evaluator.space.settings.regions
     sets = [inside]
     for low, high in zip(edges, edges[1:], strict=False):
         above, below = lci >= low, lci < high
@@ -131,7 +134,7 @@ def _topologies(sweeper: Sweeper, design: Design, cells: int) -> list[Topology]:
         # that some reachable corner shows: out of reach the index may be anything.
         shown = _any_corner(reached & above & below)
         sets.append(_pieces_with(inside & _any_corner(above) & _any_corner(below), shown))
-    return list(ordered_map(lambda one: topology_of(one, design.cut), sets, sweeper.threads))
+    return list(ordered_map(lambda one: topology_of(one, design.cut), sets, evaluator.threads))
 
 
 def _any_corner(values: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from pmopt.analysis.workspace.sweeper import Notify, Sweeper
-from pmopt.analysis.workspace.warmup import warm_up
+from pmopt.analysis.sampling.evaluator import Evaluator, Notify
+from pmopt.analysis.sampling.warmup import warm_up
 from pmopt.errors import InputError, InputErrors, PmoptError
 from pmopt.execution.cluster import Cluster
 from pmopt.execution.threads import default_threads
@@ -426,9 +426,9 @@ def _plain(run: PlannedRun) -> dict[str, Any]:
     return {k: v for k, v in run.runner.document().items() if k != "command"}
 
 
-def _distinct_users(runs: Sequence[PlannedRun], notify: Notify) -> list[Sweeper | Mover]:
+def _distinct_users(runs: Sequence[PlannedRun], notify: Notify) -> list[Evaluator | Mover]:
     """Return one of all that call the same kernels, for each set of them."""
-    found: dict[frozenset[int], Sweeper | Mover] = {}
+    found: dict[frozenset[int], Evaluator | Mover] = {}
     for run in runs:
         user = run.runner.ready(notify)
         if user is not None:

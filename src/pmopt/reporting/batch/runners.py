@@ -19,12 +19,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pmopt.analysis.certification.budgets import Clock
 from pmopt.analysis.motion.config import MotionTask, resolve_motion
+from pmopt.analysis.sampling.evaluator import Evaluator, Notify
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import MECHANISM_KEY, WorkspaceSettings, named_mechanism
 from pmopt.analysis.validation import validated
-from pmopt.analysis.workspace.aspects import make_sweeper
 from pmopt.analysis.workspace.compute import check_read
 from pmopt.analysis.workspace.shape import DEFAULT_GRIDS, check_cells
-from pmopt.analysis.workspace.sweeper import Notify, Sweeper
 from pmopt.errors import InfeasibleError, InputError, unknown_name
 from pmopt.inputs.reading import read_file, read_json
 from pmopt.mechanisms import find
@@ -136,7 +136,7 @@ class Runner(ABC):
         """Return the resolved configuration as the manifest of its run has it."""
 
     @abstractmethod
-    def ready(self, notify: Notify | None = None) -> Sweeper | Mover | None:
+    def ready(self, notify: Notify | None = None) -> Evaluator | Mover | None:
         """Check all that can be checked ahead, and return what calls compiled kernels.
 
         Raises
@@ -228,12 +228,12 @@ class ParetoRunner(Runner):
         """Return the resolved configuration."""
         return plain(self.config)
 
-    def ready(self, notify: Notify | None = None) -> Sweeper:
-        """Return the problem's sweeper."""
+    def ready(self, notify: Notify | None = None) -> Evaluator:
+        """Return the problem's evaluator."""
         config = self.config
-        return make_sweeper(
+        return make_sampler(
             find(config.mechanism), config.workspace, config.algorithm.seed, 1, notify
-        )
+        ).evaluator
 
     def run(
         self, folder: Path, *, force: bool, threads: int | None, beat: Beat | None = None
@@ -351,9 +351,11 @@ class WorkspaceRunner(Runner):
         """Return a configuration with the number of samples and replicates filled in."""
         return workspace_checkpoint.resolved(WorkspaceTask.from_dict(document, cls.command))
 
-    def ready(self, notify: Notify | None = None) -> Sweeper:
-        """Return the task's sweeper."""
-        return make_sweeper(self.task.mechanism, self.task.settings, self.task.seed, 1, notify)
+    def ready(self, notify: Notify | None = None) -> Evaluator:
+        """Return the task's evaluator."""
+        return make_sampler(
+            self.task.mechanism, self.task.settings, self.task.seed, 1, notify
+        ).evaluator
 
     def run(
         self, folder: Path, *, force: bool, threads: int | None, beat: Beat | None = None

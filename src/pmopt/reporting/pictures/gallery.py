@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pmopt.errors import PmoptError
 
 if TYPE_CHECKING:
-    from pmopt.analysis.workspace.sweeper import Notify
+    from pmopt.analysis.sampling.evaluator import Notify
     from pmopt.reporting.runs.run_folder import RunFolder
 
 #: Under which the reason stands where not even the names of the pictures are known.

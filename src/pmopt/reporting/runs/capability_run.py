@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.regions.sections import Section, section_fields
+from pmopt.analysis.sampling.estimates import Estimate
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sizing.actuators import (
     SHARES,
@@ -25,8 +27,6 @@ from pmopt.analysis.sizing.actuators import (
 )
 from pmopt.analysis.validation import validated
 from pmopt.analysis.workspace.emptiness import require_reachable
-from pmopt.analysis.workspace.estimates import Estimate
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.bodies import point_mass
@@ -288,8 +288,8 @@ def draw_capability(
         share: NDArray[np.float64] = (demands.at(poses)[limited] / bounds).max(axis=0)
         return share
 
-    sweeper = Sweeper(asked.mechanism, asked.settings, asked.seed, threads)
-    sections = section_fields(sweeper, sweeper.design(asked.parameters), _RESOLUTION, used)
+    sampler = make_sampler(asked.mechanism, asked.settings, asked.seed, threads)
+    sections = section_fields(sampler, sampler.design(asked.parameters), _RESOLUTION, used)
     gallery = Gallery()
     for k in range(0, len(sections), 3):
         gallery.add(

@@ -12,8 +12,8 @@ from pmopt.analysis.certification.bisection import Progress
 from pmopt.analysis.certification.certified_index import IndexBounds
 from pmopt.analysis.certification.claim import Claim, certify_claim
 from pmopt.analysis.certification.volume import CertifiedVolume, certify_volume
+from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Notify
 from pmopt.mechanisms.mechanism import Mechanism, Parameters
 from pmopt.reporting.runs.run_folder import RunFolder, claimed
 from pmopt.reporting.tables.table import Cell, Shown, Table, design_facts, facts, to_csv, to_json

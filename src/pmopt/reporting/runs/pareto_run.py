@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pmopt.analysis.certification.budgets import Clock
-from pmopt.analysis.workspace.sweeper import Notify
+from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.errors import InfeasibleError, InputError
 from pmopt.reporting.pictures.gallery import write_pictures
 from pmopt.reporting.runs import run_folder, run_pictures

@@ -16,7 +16,7 @@ from pmopt.analysis.regions.sections import (
     section_fields,
     surface_field,
 )
-from pmopt.analysis.workspace.aspects import make_sweeper
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.workspace.compute import WorkspaceResult, compute_workspace
 from pmopt.errors import InputError
 from pmopt.inputs.reading import LARGEST, read_file
@@ -45,21 +45,21 @@ def of_workspace(
     task: WorkspaceTask, result: WorkspaceResult, threads: int | None = None
 ) -> dict[str, bytes]:
     """Return histogram, 3-D picture and sections by file name."""
-    sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
-    design = sweeper.design(task.parameters)
+    sampler = make_sampler(task.mechanism, task.settings, task.seed, threads)
+    design = sampler.design(task.parameters)
     remarks = _of_positions(task)
     gallery = Gallery()
     gallery.add("lci_histogram.png", lambda: workspace_plots.draw_histogram(result))
     gallery.add_all(
         "workspace.png",
-        lambda: _drawn_surface("workspace.png", surface_field(sweeper, design), result),
+        lambda: _drawn_surface("workspace.png", surface_field(sampler, design), result),
     )
     gallery.add_all(
         "positions.png",
-        lambda: _drawn_surface("positions.png", position_field(sweeper, design), result, remarks),
+        lambda: _drawn_surface("positions.png", position_field(sampler, design), result, remarks),
     )
     gallery.add_all(
-        "sections.png", lambda: _drawn_sections(section_fields(sweeper, design), result)
+        "sections.png", lambda: _drawn_sections(section_fields(sampler, design), result)
     )
     gallery.add_all("mechanism.png", lambda: _drawn_mechanism(task))
     return gallery
@@ -80,13 +80,13 @@ def draw_part(
         that is none: each stands for the other where there is none.
     threads : int, optional
     """
-    sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
-    design = sweeper.design(task.parameters)
+    sampler = make_sampler(task.mechanism, task.settings, task.seed, threads)
+    design = sampler.design(task.parameters)
     if part == "sections":
-        return workspace_plots.draw_sections(section_fields(sweeper, design)[:3], result)
-    mesh, remarks = position_field(sweeper, design), _of_positions(task)
+        return workspace_plots.draw_sections(section_fields(sampler, design)[:3], result)
+    mesh, remarks = position_field(sampler, design), _of_positions(task)
     if mesh is None or (part == "surface" and len(task.mechanism.pose) == 3):
-        mesh, remarks = surface_field(sweeper, design), []
+        mesh, remarks = surface_field(sampler, design), []
     if mesh is None:
         raise InputError(f"plot: {task.mechanism.name} has no picture of its {part}")
     return workspace_plots.draw_surface(mesh, result, remarks)
@@ -132,11 +132,11 @@ def of_singularities(task: WorkspaceTask, threads: int | None = None) -> dict[st
         task.mechanism, task.parameters, task.settings, seed=task.seed, threads=threads,
         shape_grid=0,
     )  # fmt: skip
-    sweeper = make_sweeper(task.mechanism, task.settings, task.seed, threads)
+    sampler = make_sampler(task.mechanism, task.settings, task.seed, threads)
     gallery = Gallery()
     gallery.add_all(
         "sections.png",
-        lambda: _drawn_sections(section_fields(sweeper, sweeper.design(task.parameters)), result),
+        lambda: _drawn_sections(section_fields(sampler, sampler.design(task.parameters)), result),
     )
     gallery.add_all("mechanism.png", lambda: _drawn_mechanism(task))
     return gallery

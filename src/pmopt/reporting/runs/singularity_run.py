@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 
 from pmopt.analysis.kinematics.determinants import KINDS
+from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.singularities.crossings import PathResult
 from pmopt.analysis.singularities.survey import Nearness, SingularityResult, find_singularities
-from pmopt.analysis.workspace.sweeper import Notify
 from pmopt.mechanisms import find
 from pmopt.reporting.pictures.gallery import write_pictures
 from pmopt.reporting.runs.run_folder import RunFolder, claimed

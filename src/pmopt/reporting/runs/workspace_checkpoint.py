@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from pmopt.analysis.sampling.evaluator import Notify
+from pmopt.analysis.sampling.measuring import planned_samples
+from pmopt.analysis.sampling.partial_sums import Sums
 from pmopt.analysis.settings import split_samples
-from pmopt.analysis.workspace.compute import planned_samples
-from pmopt.analysis.workspace.partial_sums import Sums
-from pmopt.analysis.workspace.sweeper import Notify
 from pmopt.reporting.runs.run_folder import RunFolder
 from pmopt.reporting.runs.tasks import WorkspaceTask
 from pmopt.storage.checkpoint import CheckpointFolder, Grows

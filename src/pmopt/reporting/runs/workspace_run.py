@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmopt.analysis.certification.budgets import Clock
+from pmopt.analysis.sampling.evaluator import Notify
+from pmopt.analysis.sampling.measuring import Course, Progress, planned_samples
+from pmopt.analysis.sampling.partial_sums import Sums
 from pmopt.analysis.workspace.compute import (
-    Progress,
     WorkspaceResult,
     compute_workspace,
-    planned_samples,
 )
 from pmopt.analysis.workspace.emptiness import require_reachable
-from pmopt.analysis.workspace.sweeper import Notify
 from pmopt.errors import InputError, PmoptError
 from pmopt.reporting.pictures.gallery import write_pictures
 from pmopt.reporting.runs.run_folder import MANIFEST, RunFolder, claimed, manifest_to_keep
@@ -97,7 +97,7 @@ def run_workspace(
     continues = resume and out is not None and _continues(task, out)
     with claimed(out, force, resume, continues) as folder:
         checkpoint = None if folder is None else WorkspaceCheckpoint(folder, task)
-        begun = None
+        begun = Sums()
         if checkpoint is not None and folder is not None and folder.begun:
             begun = checkpoint.resume(notify)
         try:
@@ -108,11 +108,8 @@ def run_workspace(
                 seed=task.seed,
                 threads=threads,
                 shape_grid=task.shape_grid,
-                progress=progress,
                 notify=notify,
-                begun=begun,
-                keep=checkpoint.keep if checkpoint else None,
-                cluster=cluster,
+                course=Course(begun, checkpoint.keep if checkpoint else None, progress, cluster),
             )
         except BaseException:  # Ctrl-C above all
             if checkpoint is not None:

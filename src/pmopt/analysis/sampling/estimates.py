@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.sweeper import Tallies
+from pmopt.analysis.sampling.tallies import Tallies
 from pmopt.numerics.bins import bin_edges
 
 QUANTILES = (0.05, 0.5, 0.95)

@@ -7,22 +7,22 @@ of cells; a pose belongs to the region of its sign that is nearest in the grid.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper, Tallies
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.evaluator import Evaluator
+from pmopt.analysis.sampling.tallies import Tallies
 from pmopt.compiler.machine_code import Compiled
 from pmopt.compiler.program_text import ENTRIES
-from pmopt.errors import InputError
-from pmopt.mechanisms.mechanism import Mechanism, Vector
+from pmopt.mechanisms.mechanism import Vector
 from pmopt.numerics import sequences
 from pmopt.numerics.bins import bins_of
 from pmopt.numerics.matrices import determinant, inverse, singular_values
-from pmopt.units import exact
 
 #: Cells along each axis by number of pose coordinates: some hundred thousand cells in all.
 CELLS = {1: 4096, 2: 512, 3: 72, 4: 26, 5: 14, 6: 9}
@@ -31,14 +31,14 @@ _NEAR = 2.5
 _CHUNK = 1 << 16
 
 
-def determinants(sweeper: Sweeper, design: Design, poses: NDArray[np.float64]) -> Vector:
+def determinants(evaluator: Evaluator, design: Design, poses: NDArray[np.float64]) -> Vector:
     """Return the determinant of the inverse Jacobian over the product of its rows' norms.
 
     It lies in [-1, 1]; 0 at a forward or constraint singularity, NaN nowhere.
     """
     found = np.empty(poses.shape[1])
     for start in range(0, poses.shape[1], _CHUNK):
-        entries = sweeper.probe(design, poses[:, start : start + _CHUNK]).entries
+        entries = evaluator.probe(design, poses[:, start : start + _CHUNK]).entries
         norms = np.linalg.norm(entries, axis=2, keepdims=True)
         scaled = entries / np.where(norms > 0, norms, 1.0)
         found[start : start + _CHUNK] = determinant(np.nan_to_num(scaled))
@@ -78,12 +78,12 @@ class AspectMap:
         return np.asarray(np.where(dets > 0, self.nearest[1][place], self.nearest[-1][place]))
 
 
-def map_aspects(sweeper: Sweeper, design: Design, cells: int | None = None) -> AspectMap:
+def map_aspects(evaluator: Evaluator, design: Design, cells: int | None = None) -> AspectMap:
     """Label the aspects of a design on a grid.
 
     Parameters
     ----------
-    sweeper : Sweeper
+    evaluator : Evaluator
     design : Design
         Its box must not be empty.
     cells : int, optional
@@ -97,11 +97,11 @@ def map_aspects(sweeper: Sweeper, design: Design, cells: int | None = None) -> A
     axes = [low + s * (np.arange(cells) + 0.5)
             for low, s in zip(design.lower, step, strict=True)]  # fmt: skip
     poses = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
-    margin, lci = Sweeper.field(sweeper, design, poses)
+    margin, lci = evaluator.field(design, poses)
     shape = (cells,) * dimension
-    inside = ((margin >= 0) & (lci >= sweeper.settings.min_lci)).reshape(shape)
+    inside = ((margin >= 0) & (lci >= evaluator.space.settings.min_lci)).reshape(shape)
     sign = np.zeros(shape, dtype=np.int8)
-    sign[inside] = np.where(determinants(sweeper, design, poses[:, inside.ravel()]) > 0, 1, -1)
+    sign[inside] = np.where(determinants(evaluator, design, poses[:, inside.ravel()]) > 0, 1, -1)
     parts: list[tuple[int, int, int]] = []
     found = {}
     for s in (1, -1):
@@ -129,33 +129,31 @@ def map_aspects(sweeper: Sweeper, design: Design, cells: int | None = None) -> A
     )  # fmt: skip
 
 
-class FieldSweeper(Sweeper):
-    """Samples what the compiled sweep does not know: the home aspect, the index of a block.
+@dataclass(eq=False)
+class FieldEvaluator(Evaluator):
+    """Finds what the compiled sweep does not know: the home aspect, the index of a block.
 
     Margins and indices are those of :meth:`field`; a point costs some hundred times more.
     """
 
     slowness = 16
+    _maps: dict[tuple[float, ...], tuple[AspectMap, int]] = dataclasses.field(
+        default_factory=dict, init=False, repr=False
+    )
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        settings: WorkspaceSettings,
-        seed: int = 1,
-        threads: int | None = None,
-        notify: Notify | None = None,
-        where: str = "workspace",
-    ) -> None:
-        super().__init__(mechanism, settings, seed, threads, notify, where)
-        self._maps: dict[tuple[float, ...], tuple[AspectMap, int]] = {}
+    @property
+    def compiled(self) -> Evaluator:
+        """The evaluator of all that can be reached."""
+        return Evaluator(self.space, self.threads, self.program, self.sweeping, self.recipe)
 
-    def _home(self, design: Design) -> tuple[AspectMap, int]:
+    def home(self, design: Design) -> tuple[AspectMap, int]:
+        """Return the map of a design's aspects and the label of the home pose's, 0 for none."""
         key = (*design.constants, *design.lower.tolist(), *design.width.tolist())
         home = self._maps.get(key)
         if home is None:
-            found = map_aspects(self, design)
-            pose = np.array([list(self.mechanism.home(design.parameters).values())]).T
-            margin, _ = super().field(design, pose)
+            found = map_aspects(self.compiled, design)
+            pose = np.array([list(self.space.mechanism.home(design.parameters).values())]).T
+            margin, _ = self.compiled.field(design, pose)
             label = 0
             if margin[0] >= 0:
                 label = int(found.of(pose, determinants(self, design, pose))[0])
@@ -166,16 +164,16 @@ class FieldSweeper(Sweeper):
     @property
     def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling calls."""
-        return {self._kernels: ENTRIES[1:]}
+        return {self.program: ENTRIES[1:]}
 
     def field(self, design: Design, poses: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Return margin and LCI of the block; outside the home aspect the margin is negative."""
         margin, lci = super().field(design, poses)
-        if self.settings.block is not None:
+        if self.space.settings.block is not None:
             lci = self._block_index(design, poses, margin)
-        if design.box_volume == 0 or self.settings.aspect is None:
+        if design.box_volume == 0 or self.space.settings.aspect is None:
             return margin, lci
-        found, label = self._home(design)
+        found, label = self.home(design)
         inside = np.flatnonzero(margin >= 0)
         member = np.zeros(len(margin), dtype=bool)
         some = poses[:, inside]
@@ -187,14 +185,14 @@ class FieldSweeper(Sweeper):
     def locate(
         self, design: Design, poses: NDArray[np.float64]
     ) -> tuple[Vector, NDArray[np.float64]]:
-        """Return slack and place; see :meth:`Sweeper.locate`.
+        """Return slack and place; see :meth:`Evaluator.locate`.
 
         At the home aspect's boundary the determinant is 0, and with it the slack.
         """
         slack, places = super().locate(design, poses)
-        if design.box_volume == 0 or self.settings.aspect is None:
+        if design.box_volume == 0 or self.space.settings.aspect is None:
             return slack, places
-        found, label = self._home(design)
+        found, label = self.home(design)
         dets = determinants(self, design, poses)
         member = (found.of(poses, dets) == label) & (label > 0)
         depth = np.abs(dets)
@@ -202,8 +200,8 @@ class FieldSweeper(Sweeper):
 
     def _block_index(self, design: Design, poses: NDArray[np.float64], margin: Vector) -> Vector:
         """Return the index of the Jacobian's rows for lengths or for angles, 0 out of reach."""
-        wanted = "length" if self.settings.block == "translational" else "angle"
-        rows = [k for k, c in enumerate(self.mechanism.pose) if c.kind == wanted]
+        wanted = "length" if self.space.settings.block == "translational" else "angle"
+        rows = [k for k, c in enumerate(self.space.mechanism.pose) if c.kind == wanted]
         lci = np.zeros(len(margin))
         inside = np.flatnonzero(margin >= 0)
         for start in range(0, len(inside), _CHUNK):
@@ -213,7 +211,7 @@ class FieldSweeper(Sweeper):
             regular = determinant(entries) != 0
             jacobian = inverse(entries[regular])[:, rows]
             values = singular_values(jacobian)
-            if self.settings.norm == "2":
+            if self.space.settings.norm == "2":
                 index = values[:, -1] / values[:, 0]
             else:
                 index = 1 / np.sqrt((values**2).sum(axis=1) * (1 / values**2).sum(axis=1))
@@ -223,7 +221,7 @@ class FieldSweeper(Sweeper):
     def outline(
         self, design: Design, points: sequences.Sequence, first: int, last: int
     ) -> NDArray[np.float64]:
-        """Return the ends of links on the floor; see :meth:`Sweeper.outline`."""
+        """Return the ends of links on the floor; see :meth:`Evaluator.outline`."""
         return self.shadow(design, self.points(design, points, first, last))
 
     def tally(
@@ -234,7 +232,7 @@ class FieldSweeper(Sweeper):
         last: int,
         bins: int = 0,
     ) -> Tallies:
-        """Sum over points; see :meth:`Sweeper.tally`."""
+        """Sum over points; see :meth:`Evaluator.tally`."""
         shape = (len(designs), points.replicates)
         reachable, within, total, best = (np.zeros(shape) for _ in range(4))
         smallest, largest = np.full(shape, np.inf), np.full(shape, -np.inf)
@@ -252,7 +250,7 @@ class FieldSweeper(Sweeper):
             margin, lci = self.field(design, self.points(design, alone, first, last))
             best[place] = margin.max()
             inside = lci[margin >= 0]
-            kept = inside[inside >= self.settings.min_lci]
+            kept = inside[inside >= self.space.settings.min_lci]
             within[place], reachable[place], total[place] = len(inside), len(kept), kept.sum()
             if len(inside):
                 largest[place] = inside.max()
@@ -266,42 +264,3 @@ class FieldSweeper(Sweeper):
             last - first, box, reachable, within, reachable.copy(), total, smallest, largest, best,
             above, histogram,
         )  # fmt: skip
-
-
-def make_sweeper(
-    mechanism: Mechanism,
-    settings: WorkspaceSettings,
-    seed: int = 1,
-    threads: int | None = None,
-    notify: Notify | None = None,
-    where: str = "workspace",
-) -> Sweeper:
-    """Return a sweeper that knows what the settings ask for, compiled where it can be."""
-    if settings.block is not None:
-        wanted = "length" if settings.block == "translational" else "angle"
-        if not any(c.kind == wanted for c in mechanism.pose):
-            raise InputError(f"{where}: block: {mechanism.name} has no {settings.block} freedom")
-    kind = FieldSweeper if settings.aspect or settings.block else Sweeper
-    return kind(mechanism, settings, seed, threads, notify, where)
-
-
-def require_home(sweeper: Sweeper, design: Design) -> None:
-    """Refuse a design whose home pose is out of reach: it has no home aspect.
-
-    Raises
-    ------
-    InfeasibleError
-    InputError
-    """
-    if not isinstance(sweeper, FieldSweeper) or sweeper.settings.aspect is None:
-        return
-    if design.box_volume == 0:
-        from pmopt.analysis.workspace.emptiness import (
-            nothing_reachable,  # it samples aspects itself
-        )
-
-        raise nothing_reachable(sweeper.mechanism, design.parameters, sweeper.settings, "aspect")
-    if sweeper._home(design)[1] == 0:
-        home = sweeper.mechanism.home(design.parameters)
-        shown = ",".join(f"{k}={exact(v)}" for k, v in home.items())
-        raise InputError(f"aspect: the home pose {shown} is not within reach and limits")

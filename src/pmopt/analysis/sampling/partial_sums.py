@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.workspace.sweeper import Tallies
+from pmopt.analysis.sampling.tallies import Tallies
 
 _ARRAYS = tuple(Tallies.__dataclass_fields__)[1:]
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from pmopt.analysis.workspace.aspects import make_sweeper
-from pmopt.analysis.workspace.sweeper import Design, Done, Sweeper, Tallies, block_ranges
+from pmopt.analysis.sampling.design_space import Design
+from pmopt.analysis.sampling.sampler import Sampler, make_sampler
+from pmopt.analysis.sampling.tallies import Done, Tallies, block_ranges
 from pmopt.mechanisms import find
 from pmopt.numerics.sequences import Sequence, make_grid
 
@@ -25,7 +26,7 @@ _MOST = 16
 class _Work:
     """Some blocks, as a worker gets them: all that makes their points, a few kB."""
 
-    sweeper: bytes
+    sampler: bytes
     design: Design
     replicates: int
     cells: int
@@ -33,11 +34,13 @@ class _Work:
 
 
 def blocks_on(
-    cluster: Cluster, sweeper: Sweeper, design: Design, points: Sequence, first: int, last: int,
+    cluster: Cluster, sampler: Sampler, design: Design, points: Sequence, first: int, last: int,
     done: Done,
 ) -> Iterator[Tallies]:  # fmt: skip
-    """Yield the tallies of blocks in order, computed on a cluster; see :meth:`Sweeper.blocks`."""
-    told = pickle.dumps((sweeper.mechanism.name, sweeper.settings, sweeper.seed, sweeper.purpose))
+    """Yield the tallies of blocks in order, computed on a cluster; see :meth:`Sampler.blocks`."""
+    told = pickle.dumps(
+        (sampler.space.mechanism.name, sampler.space.settings, sampler.seed, sampler.purpose)
+    )
     ranges = list(block_ranges(first, last, points.replicates))
     size = min(_MOST, max(1, len(ranges) // (_TASKS * cluster.threads)))
     works = (
@@ -53,17 +56,17 @@ def blocks_on(
 
 def sum_blocks(work: _Work) -> list[Tallies]:
     """Return the tallies of some blocks: what a worker does."""
-    sweeper = _sweeper(work.sweeper)
+    sampler = _sampler(work.sampler)
     dimension = len(work.design.width)
-    points = make_grid(dimension, work.cells) if work.cells else sweeper.sequence(work.replicates)
+    points = make_grid(dimension, work.cells) if work.cells else sampler.sequence(work.replicates)
     return [
         block
         for first, last in work.ranges
-        for block in sweeper.blocks(work.design, points, first, last, lambda count: None)
+        for block in sampler.blocks(work.design, points, first, last, lambda count: None)
     ]
 
 
 @lru_cache(maxsize=8)
-def _sweeper(told: bytes) -> Sweeper:
+def _sampler(told: bytes) -> Sampler:
     name, settings, seed, purpose = pickle.loads(told)
-    return make_sweeper(find(name), settings, seed, threads=1).for_purpose(purpose)
+    return make_sampler(find(name), settings, seed, threads=1).for_purpose(purpose)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from pmopt.analysis.workspace.sweeper import Sweeper
+from pmopt.analysis.sampling.evaluator import Evaluator
 from pmopt.compiler import programs
 from pmopt.compiler.machine_code import compile_ahead
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # a workspace does without
 
 
 def warm_up(
-    users: Iterable[Sweeper | Mover | Assembling | Inverting],
+    users: Iterable[Evaluator | Mover | Assembling | Inverting],
     workers: int,
     shapes: bool = True,
     extremes: bool = False,
@@ -28,7 +28,7 @@ def warm_up(
 
     Parameters
     ----------
-    users : iterable of Sweeper, Mover, Assembling and Inverting
+    users : iterable of Evaluator, Mover, Assembling and Inverting
     workers : int
         Processes at most.
     shapes : bool
@@ -48,7 +48,7 @@ def warm_up(
     missing: dict[str, int] = {}
     for user in users:
         called = user.kernels
-        if isinstance(user, Sweeper) and not shapes:
+        if isinstance(user, Evaluator) and not shapes:
             called = user.measuring_kernels if extremes else user.sampling_kernels
         new = [
             (compiled, entry)

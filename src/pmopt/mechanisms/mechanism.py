@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -30,6 +31,7 @@ from pmopt.mechanisms.joints import PLATFORM, Chain, Joint, JointKind
 from pmopt.mechanisms.named import Named
 from pmopt.mechanisms.proofs import Curve, Implicit
 from pmopt.mechanisms.solutions import Assemblies, ForwardSolution, InverseSolution, Reach
+from pmopt.mechanisms.structure import Structure
 
 if TYPE_CHECKING:
     from pmopt.compiler.programs import Assembler
@@ -74,14 +76,9 @@ class Mechanism(Named, ABC):
     #: Where the kernel solves equations step by step, the equations: what proofs are about.
     implicit: ClassVar[Implicit | None] = None
     curve: ClassVar[Curve | None] = None
-    #: ``skeleton(*pose, constants) -> flat tuple``: the platform's position (3) and rotation
-    #: (9, row by row), both ends of each segment of :attr:`segments` (6 each), and the cosine of
-    #: each cone angle of :attr:`cones`. What clearances, cone limits, tool and pictures need.
-    skeleton: ClassVar[Callable[..., tuple[float, ...]]]
-    #: Limb (from 0) of each segment of the skeleton; PLATFORM for the platform's own.
-    segments: ClassVar[tuple[int, ...]] = ()
-    #: For each platform segment, in order, the limb that is joined to its far end.
-    spokes: ClassVar[tuple[int, ...]] = ()
+    #: Joints, links and platform by the names of their points: :meth:`layout`, :attr:`skeleton`
+    #: and :attr:`posture` come from it.
+    structure: ClassVar[Structure]
     #: Coordinate of the base frame that is across the floor.
     vertical: ClassVar[int] = 2
     #: Exact reach along one coordinate, where a mechanism offers it:
@@ -92,17 +89,10 @@ class Mechanism(Named, ABC):
     line: ClassVar[Callable[..., tuple[float, ...]] | None] = None
     line_axis: ClassVar[int] = 0
     line_parts: ClassVar[int] = 0
-    #: What motions and forces need, where a mechanism offers it:
-    #: ``posture(*pose, constants) -> flat tuple``: place of the platform as in the skeleton, the
-    #: actuated joints' positions, those of :attr:`followed`, then of every joint of
-    #: :meth:`layout`, in order, its point, its axes and, for Pa, its bar. A kernel function.
-    posture: ClassVar[Callable[..., tuple[float, ...]] | None] = None
     #: What the pose coordinates and the parasitic ones are: ``x``, ``y``, ``z`` of the platform's
     #: centre, ``yaw``, ``pitch``, ``roll`` of Rz Ry Rx, or the name of an actuated joint.
     roles: ClassVar[tuple[str, ...]] = ()
     parasitic_roles: ClassVar[tuple[str, ...]] = ()
-    #: Passive joints that motions tell: each the sum of freedoms (limb, number in it, weight).
-    followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {}
     #: Direction of gravity unless another is given.
     down: ClassVar[tuple[float, float, float]] = (0.0, 0.0, -1.0)
     #: How the compiled forward kinematics solves; its constants are :meth:`assembly_constants`.
@@ -117,8 +107,6 @@ class Mechanism(Named, ABC):
     #: branch (:meth:`branch`), joints, parasitic coordinates and :attr:`inverted_passive`.
     inverter: ClassVar[Assembler | None] = None
     inverted_passive: ClassVar[tuple[str, ...]] = ()
-    #: Names of the passive U and S joints whose cone angle the skeleton tells.
-    cones: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)
@@ -129,6 +117,58 @@ class Mechanism(Named, ABC):
     def form_of_constants(self) -> Constants:
         """What the kernel's constants are: the class of a record, or how many plain numbers."""
         return self.constants or self.constant_count
+
+    # -- what comes from the structure -----------------------------------------------------
+
+    @property
+    def skeleton(self) -> Callable[..., tuple[float, ...]]:
+        """The kernel function that clearances, cone limits, tool and pictures need."""
+        return skeleton_of(self.structure, tuple(c.name for c in self.pose))
+
+    @property
+    def posture(self) -> Callable[..., tuple[float, ...]] | None:
+        """The kernel function that motions and forces need; None where it is not offered."""
+        pose, joints = (tuple(c.name for c in group) for group in (self.pose, self.joints))
+        return posture_of(self.structure, pose, joints)
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Limb (from 0) of each segment of the skeleton; PLATFORM for the platform's own."""
+        return tuple(segment.limb for segment in self.structure.segments)
+
+    @property
+    def spokes(self) -> tuple[int, ...]:
+        """For each platform segment, in order, the limb that is joined to its far end."""
+        return tuple(s.meets for s in self.structure.segments if s.limb == PLATFORM)
+
+    @property
+    def cones(self) -> tuple[str, ...]:
+        """Names of the passive U and S joints whose cone angle the skeleton has."""
+        return self.structure.cone_names
+
+    @property
+    def followed(self) -> Mapping[str, tuple[tuple[int, int, float], ...]]:
+        """Passive joints that motions show: each the sum of (limb, freedom in it, weight)."""
+        return self.structure.followed_terms(self.limbs)
+
+    def layout(
+        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
+    ) -> tuple[Chain, ...]:
+        """Return every limb's joints at a reachable pose: what mobility and drawing read."""
+        mode = self.check_mode(working_mode)
+        constants = _plain_constants(self, tuple(parameters.items()), mode)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # as in compiled code
+            at = self.points_at(parameters, pose, mode, constants)
+            return self.structure.layout(at, constants)
+
+    def points_at(
+        self, parameters: Parameters, pose: Mapping[str, float], mode: str, constants: Any
+    ) -> Any:
+        """Return the record of points of a configuration.
+
+        ``constants`` are the kernel's, without limits and a characteristic length.
+        """
+        return self.structure.points.function(*(float(pose[c.name]) for c in self.pose), constants)
 
     # -- declared geometry -------------------------------------------------------------
 
@@ -156,12 +196,6 @@ class Mechanism(Named, ABC):
 
         The parasitic coordinates are included.
         """
-
-    @abstractmethod
-    def layout(
-        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
-    ) -> tuple[Chain, ...]:
-        """Return every limb's joints at a reachable pose: what mobility and drawing read."""
 
     def alternative_layout(self, parameters: Parameters, name: str) -> tuple[Chain, ...]:
         """Return one of :attr:`layouts` at its home pose; for mobility only."""
@@ -375,3 +409,26 @@ class Mechanism(Named, ABC):
         """Return the name of a joint, both counted from 0, or kind and numbers without one."""
         given = self.limbs[limb].joint_names
         return given[joint] if joint < len(given) else f"{kind}_{limb + 1}_{joint + 1}"
+
+
+@functools.cache
+def skeleton_of(structure: Structure, pose: tuple[str, ...]) -> Callable[..., tuple[float, ...]]:
+    """Return a skeleton, once: what is compiled for it is kept by the function."""
+    return structure.skeleton(pose)
+
+
+@functools.cache
+def posture_of(
+    structure: Structure, pose: tuple[str, ...], joints: tuple[str, ...]
+) -> Callable[..., tuple[float, ...]] | None:
+    """Return a posture, once: what is compiled for it is kept by the function."""
+    return structure.posture(pose, joints)
+
+
+@functools.lru_cache(maxsize=16)
+def _plain_constants(
+    mechanism: Mechanism, parameters: tuple[tuple[str, float | None], ...], mode: str
+) -> Any:
+    """Return the kernel's constants of a design; layouts are asked for at many poses of one."""
+    constants = mechanism.kernel_constants(dict(parameters), mode, 1.0, {})
+    return constants if mechanism.constants is not None else tuple(constants)

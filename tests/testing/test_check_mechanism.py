@@ -9,12 +9,13 @@ import pytest
 from pmopt.errors import PmoptError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.catalogue.cur import Cur
-from pmopt.mechanisms.catalogue.pauu_ppap import PauuPpap, kernel, line, posture, skeleton
+from pmopt.mechanisms.catalogue.pauu_ppap import MECHANISM, PauuPpap, kernel, line
 from pmopt.mechanisms.catalogue.uu_upu import UuUpu
 from pmopt.mechanisms.mechanism import Coordinate, Parameter
 from pmopt.testing import MechanismError, check_mechanism, examine
 
 SHARES = [1.0, 2.0]
+SKELETON, POSTURE = MECHANISM.skeleton, MECHANISM.posture
 
 
 def test_what_ships_holds(mechanism):
@@ -70,30 +71,30 @@ def narrow_line(x, y, z, low, high, constants):
 
 
 def short_skeleton(x, y, z, constants):
-    return skeleton(x, y, z, constants)[1:]
+    return SKELETON(x, y, z, constants)[1:]
 
 
 def moved_segment(x, y, z, constants):
-    found = skeleton(x, y, z, constants)
+    found = SKELETON(x, y, z, constants)
     return (*found[:15], found[15] + 0.001, *found[16:])
 
 
 def moved_platform(x, y, z, constants):
-    found = skeleton(x, y, z, constants)
+    found = SKELETON(x, y, z, constants)
     return (found[0] + 0.001, *found[1:])
 
 
 def open_cone(x, y, z, constants):
-    found = skeleton(x, y, z, constants)
+    found = SKELETON(x, y, z, constants)
     return (*found[:-1], found[-1] * 0.9)
 
 
 def long_posture(x, y, z, constants):
-    return (*posture(x, y, z, constants), 0.0)
+    return (*POSTURE(x, y, z, constants), 0.0)
 
 
 def turned_posture(x, y, z, constants):
-    found = posture(x, y, z, constants)
+    found = POSTURE(x, y, z, constants)
     return (*found[:18], -found[18], -found[19], *found[20:])
 
 

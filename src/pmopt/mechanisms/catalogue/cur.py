@@ -32,7 +32,6 @@ import numpy as np
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.limbs import cylindrical, revolute, universal
 from pmopt.kernels.octics import bernstein, nodes
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos
 from pmopt.kernels.vectors import (
@@ -44,13 +43,10 @@ from pmopt.kernels.vectors import (
     minus,
     normal,
     plus,
-    row_by_row,
-    xyz,
 )
 from pmopt.mechanisms.bodies import Body, disc, plate, tube
 from pmopt.mechanisms.catalogue.cur_forward import cur_assemble, cur_MODES, cur_WORK
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
     Chain,
     Coordinate,
     Implicit,
@@ -65,8 +61,17 @@ from pmopt.mechanisms.mechanism import (
     Reach,
     Vector,
 )
-from pmopt.numerics import elementary, matrices
-from pmopt.numerics.matrices import determinant, norm_of, product, solve
+from pmopt.mechanisms.structure import (
+    Cylindrical,
+    Evaluated,
+    Freedom,
+    Revolute,
+    SerialChain,
+    Structure,
+    Universal,
+)
+from pmopt.numerics import elementary
+from pmopt.numerics.matrices import determinant, product, solve
 from pmopt.numerics.rotation import rotation_matrices
 
 TINY = 1e-300
@@ -104,7 +109,7 @@ class Arc(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """One design, as kernel, line, skeleton and posture take it."""
+    """One design, as kernel functions take it."""
 
     ra: float  # m
     rb: float  # m
@@ -656,8 +661,8 @@ def cur_yawed(yaw, x, y, z):  # type: ignore[no-untyped-def]
     return Vec3(yaw.c * x - yaw.s * y, yaw.s * x + yaw.c * y, z)
 
 
-class Frame(NamedTuple):
-    """A configuration, base frame, m: state, platform, its R joints and the U joints."""
+class Points(NamedTuple):
+    """A configuration, base frame, m: state, platform, its R joints, columns and U joints."""
 
     state: State
     p: Vec3
@@ -665,6 +670,9 @@ class Frame(NamedTuple):
     b1: Vec3
     b2: Vec3
     b3: Vec3
+    a1: Vec3  # feet of the columns
+    a2: Vec3
+    a3: Vec3
     u1: Vec3
     u2: Vec3
     u3: Vec3
@@ -673,7 +681,7 @@ class Frame(NamedTuple):
     link3: Vec3
 
 
-def cur_frame(z, beta, gamma, k):  # type: ignore[no-untyped-def]
+def cur_points(z, beta, gamma, k):  # type: ignore[no-untyped-def]
     """Return a configuration."""
     ra, rb, length = k.ra, k.rb, k.length
     state = cur_solve(beta, gamma, cur_sizes(k)).state
@@ -696,13 +704,16 @@ def cur_frame(z, beta, gamma, k):  # type: ignore[no-untyped-def]
         s * cos_b, s * tx + c * cos_g, s * lean.x + c * lean.y,
         -sin_b, cos_b * sin_g, cos_b * cos_g,
     )  # fmt: skip
-    return Frame(
+    return Points(
         state,
         p,
         rotation,
         b1=plus(p, b1),
         b2=plus(p, b2),
         b3=plus(p, b3),
+        a1=Vec3(ra, 0.0, 0.0),
+        a2=Vec3(ra * CUR_C2, ra * CUR_S2, 0.0),
+        a3=Vec3(ra * CUR_C2, -ra * CUR_S2, 0.0),
         u1=Vec3(ra, 0.0, z + b1.z - length * at1.w),
         u2=Vec3(ra * CUR_C2, ra * CUR_S2, z + b2.z - length * at2.w),
         u3=Vec3(ra * CUR_C2, -ra * CUR_S2, z + b3.z - length * at3.w),
@@ -712,19 +723,17 @@ def cur_frame(z, beta, gamma, k):  # type: ignore[no-untyped-def]
     )
 
 
-def cur_skeleton(z, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return the platform, the three links and the platform's spokes, and the cones."""
-    at = cur_frame(z, beta, gamma, k)
-    p = xyz(at.p)
-    b1 = xyz(at.b1)
-    b2 = xyz(at.b2)
-    b3 = xyz(at.b3)
-    return (
-        *p, *row_by_row(at.rotation),
-        *xyz(at.u1), *b1, *xyz(at.u2), *b2, *xyz(at.u3), *b3,
-        *p, *b1, *p, *b2, *p, *b3,
-        dot(at.link1, k.home1), dot(at.link2, k.home2), dot(at.link3, k.home3),
-    )  # fmt: skip
+class Cones(NamedTuple):
+    """Cosines between links and their directions at home."""
+
+    U_C1: float
+    U_C2: float
+    U_C3: float
+
+
+def cur_cones(at, k):  # type: ignore[no-untyped-def]
+    """Return the cosines of the cone angles."""
+    return Cones(dot(at.link1, k.home1), dot(at.link2, k.home2), dot(at.link3, k.home3))
 
 
 class Passive(NamedTuple):
@@ -735,6 +744,7 @@ class Passive(NamedTuple):
     theta4: float
     first: Vec3
     second: Vec3
+    e: Vec3  # axis of its R joint
 
 
 def cur_limb(u, b, e, azimuth):  # type: ignore[no-untyped-def]
@@ -754,20 +764,35 @@ def cur_limb(u, b, e, azimuth):  # type: ignore[no-untyped-def]
         arc_tangent(dot(second, across), fx * e.x + fy * e.y),
         Vec3(fx, fy, 0.0),
         second,
+        e,
     )
 
 
-def cur_joints(u, b, e, passive):  # type: ignore[no-untyped-def]
-    """Return point and axes of C, U and R."""
-    return (
-        *cylindrical(Vec3(u.x, u.y, 0.0), Z), *universal(u, passive.first, passive.second),
-        *revolute(b, e),
-    )  # fmt: skip
+class Positions(NamedTuple):
+    """Heights of the sliders, m, the passive joints' angles, rad, and what is passive by limb."""
+
+    h1: float
+    h2: float
+    h3: float
+    theta2_1: float
+    theta3_1: float
+    theta4_1: float
+    theta5_1: float
+    theta2_2: float
+    theta3_2: float
+    theta4_2: float
+    theta5_2: float
+    theta2_3: float
+    theta3_3: float
+    theta4_3: float
+    theta5_3: float
+    limb1: Passive
+    limb2: Passive
+    limb3: Passive
 
 
-def cur_posture(z, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return platform, heights, passive angles and joints."""
-    at = cur_frame(z, beta, gamma, k)
+def cur_positions(at, k):  # type: ignore[no-untyped-def]
+    """Return the joints' positions and the passive joints' axes."""
     r = at.rotation
     e1 = Vec3(r.xy, r.yy, r.zy)
     e2 = Vec3(
@@ -780,15 +805,58 @@ def cur_posture(z, beta, gamma, k):  # type: ignore[no-untyped-def]
     q2 = cur_limb(at.u2, at.b2, e2, Turn(CUR_C2, CUR_S2))
     q3 = cur_limb(at.u3, at.b3, e3, Turn(CUR_C2, -CUR_S2))
     turn1, turn2, turn3 = at.state.turn1, at.state.turn2, at.state.turn3
-    return (
-        *xyz(at.p), *row_by_row(r), at.u1.z - k.d1, at.u2.z - k.d1, at.u3.z - k.d1,
-        q1.theta2, q1.theta3, q1.theta4, arc_tangent(turn1.s, turn1.c),
-        q2.theta2, q2.theta3, q2.theta4, arc_tangent(turn2.s, turn2.c),
-        q3.theta2, q3.theta3, q3.theta4, arc_tangent(turn3.s, turn3.c),
-        *cur_joints(at.u1, at.b1, e1, q1),
-        *cur_joints(at.u2, at.b2, e2, q2),
-        *cur_joints(at.u3, at.b3, e3, q3),
-    )  # fmt: skip
+    return Positions(
+        h1=at.u1.z - k.d1,
+        h2=at.u2.z - k.d1,
+        h3=at.u3.z - k.d1,
+        theta2_1=q1.theta2,
+        theta3_1=q1.theta3,
+        theta4_1=q1.theta4,
+        theta5_1=arc_tangent(turn1.s, turn1.c),
+        theta2_2=q2.theta2,
+        theta3_2=q2.theta3,
+        theta4_2=q2.theta4,
+        theta5_2=arc_tangent(turn2.s, turn2.c),
+        theta2_3=q3.theta2,
+        theta3_3=q3.theta3,
+        theta4_3=q3.theta4,
+        theta5_3=arc_tangent(turn3.s, turn3.c),
+        limb1=q1,
+        limb2=q2,
+        limb3=q3,
+    )
+
+
+STRUCTURE = Structure(
+    Evaluated(cur_points, Points),
+    place="p",
+    rotation="rotation",
+    chains=tuple(
+        SerialChain(
+            f"limb {k}",
+            (
+                Cylindrical(f"a{k}", Z, slide=f"h{k}"),
+                Universal(f"u{k}", f"limb{k}.first", f"limb{k}.second"),
+                Revolute(f"b{k}", f"limb{k}.e"),
+            ),
+            bars=(f"u{k}", f"b{k}"),
+            spoke=f"b{k}",
+        )
+        for k in (1, 2, 3)
+    ),
+    cones=Evaluated(cur_cones, Cones),
+    positions=Evaluated(cur_positions, Positions),
+    followed={
+        name: (freedom,)
+        for k in (1, 2, 3)
+        for name, freedom in (
+            (f"theta2_{k}", Freedom(f"C_A{k}", "turn")),
+            (f"theta3_{k}", Freedom(f"U_C{k}", "first", -1.0)),
+            (f"theta4_{k}", Freedom(f"U_C{k}", "second")),
+            (f"theta5_{k}", Freedom(f"R_B{k}")),
+        )
+    },
+)
 
 
 class _Link(NamedTuple):
@@ -859,8 +927,7 @@ class Cur(Mechanism):
     line = staticmethod(cur_line)
     line_axis = 0
     line_parts = 1
-    skeleton = staticmethod(cur_skeleton)
-    posture = staticmethod(cur_posture)
+    structure = STRUCTURE
     roles = ("z", "pitch", "roll")
     assembler = Assembler(cur_assemble, cur_MODES, 8, cur_WORK)
     inverter = Assembler(cur_invert, len(MODE_SIGNS), 7 + 5 * 3, 1)
@@ -871,14 +938,6 @@ class Cur(Mechanism):
     )
     completeness = "by a polynomial of degree 8, whose real roots are counted"
     parasitic_roles = ("x", "y", "yaw")
-    followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
-        f"theta{2 + j}_{k + 1}": ((k, freedom, sign),)
-        for k in range(3)
-        for j, (freedom, sign) in enumerate(((0, 1.0), (2, -1.0), (3, 1.0), (4, 1.0)))
-    }
-    segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
-    spokes = (0, 1, 2)
-    cones = ("U_C1", "U_C2", "U_C3")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return Rb."""
@@ -989,14 +1048,6 @@ class Cur(Mechanism):
         x, y = length * (c * px - s * py), length * (s * px + c * py)
         return links, (float(x), float(y), alpha), float(gap)
 
-    @staticmethod
-    def _axes(link: _Link, length: float) -> tuple[Vector, Vector]:
-        """Return the axes s and z4 of the U joint of a limb."""
-        second = np.cross(link.e, link.w) / length
-        first = np.cross(_Z, second)
-        first /= max(norm_of(first), TINY)
-        return first if matrices.dot(first, link.e) > 0 else -first, second
-
     def assembly_constants(self, parameters: Parameters) -> list[float]:
         """Return the constants of :func:`cur_assemble`."""
         return [*_sizes(parameters), self.home(parameters)["z"], *nodes(), *bernstein()]
@@ -1087,26 +1138,6 @@ class Cur(Mechanism):
         _, (x, y, alpha), _ = self._links(parameters, pose, signs)
         angles = np.array([[alpha, pose["beta"], pose["gamma"]]])
         return rotation_matrices(angles)[0][0], np.array([x, y, pose["z"]])
-
-    def layout(
-        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
-    ) -> tuple[Chain, ...]:
-        """Return the limbs: C vertical, U with axes s and z4, R along e."""
-        ra, _, length, _ = _sizes(parameters)
-        signs = MODE_SIGNS[self.check_mode(working_mode)]
-        links, (x, y, _), _ = self._links(parameters, pose, signs)
-        chains = []
-        for k, (link, (c, s)) in enumerate(zip(links, _AZIMUTHS, strict=True)):
-            first, second = self._axes(link, length)
-            end = np.array([x, y, pose["z"]]) + link.b
-            chains.append(
-                Chain(self.limbs[k].name, (
-                    Joint("C", np.array([ra * c, ra * s, 0.0]), (_Z,), drive=(f"h{k + 1}", 1)),
-                    Joint("U", end - link.w, (first, second)),
-                    Joint("R", end, (link.e,)),
-                ))
-            )  # fmt: skip
-        return tuple(chains)
 
     def alternative_layout(self, parameters: Parameters, name: str) -> tuple[Chain, ...]:
         """Return the 3-CRR of the literal D-H table at home: U without its second axis."""

@@ -23,17 +23,13 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from pmopt.compiler.programs import Assembler
-from pmopt.kernels.limbs import parallelogram, prismatic, universal
 from pmopt.kernels.trigonometry import arc_tangent
-from pmopt.kernels.vectors import LEVEL, MINUS_Y, Vec3, X, Y, least, minus, normal, xyz
+from pmopt.kernels.vectors import MINUS_Y, Vec3, X, Y, least, minus
 from pmopt.mechanisms.bodies import Body, plate, tube
 from pmopt.mechanisms.catalogue.pauu_ppap_forward import pauu_assemble
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
-    Chain,
     Coordinate,
     InverseSolution,
-    Joint,
     Limb,
     Matrix,
     Mechanism,
@@ -44,8 +40,17 @@ from pmopt.mechanisms.mechanism import (
     Vector,
     wrap_angle,
 )
+from pmopt.mechanisms.structure import (
+    Evaluated,
+    Normal,
+    Parallelogram,
+    Prismatic,
+    SerialChain,
+    Structure,
+    Universal,
+)
 from pmopt.numerics import elementary
-from pmopt.numerics.matrices import norm_of, product
+from pmopt.numerics.matrices import product
 
 #: Sign s of the root in theta = atan2(B, A) + s acos(-C / sqrt(A^2 + B^2)), limbs 1 and 2.
 MODE_SIGNS = {"out-out": (-1, -1), "in-in": (1, 1), "out-in": (-1, 1), "in-out": (1, -1)}
@@ -84,7 +89,7 @@ class Link(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """One design, as kernel, line, skeleton and posture take it."""
+    """One design, as kernel functions take it."""
 
     span: float  # m - n, m
     height: float  # 2 c, of the crank pivots, m
@@ -123,6 +128,24 @@ class Points(NamedTuple):
     d2: Vec3
     p: Vec3
     foot: Vec3
+
+
+class Cones(NamedTuple):
+    """Cosines of the cone angles of the U joints."""
+
+    U_C1: float
+    U_D1: float
+    U_C2: float
+    U_D2: float
+
+
+class Positions(NamedTuple):
+    """Positions of the actuated joints, and the bars of limb 3, m."""
+
+    theta1: float
+    theta2: float
+    d: float
+    bar: Vec3
 
 
 def pauu_crank(a, b, y, l1, excess, sign):  # type: ignore[no-untyped-def]
@@ -220,43 +243,67 @@ def pauu_points(x, y, z, k):  # type: ignore[no-untyped-def]
     )
 
 
-def skeleton(x, y, z, k):  # type: ignore[no-untyped-def]
-    """Return the platform, cranks, links and platform radii, and the cosines of the U joints.
-
-    Limb 3 keeps the platform level and has no declared shape: it has no segments.
-    """
-    at = pauu_points(x, y, z, k)
+def pauu_cones(at, k):  # type: ignore[no-untyped-def]
+    """Return the cones: neither bars nor platform turn, both U joints of a link swing alike."""
     link1 = minus(at.d1, at.c1)
     link2 = minus(at.d2, at.c2)
     cone1 = link1.x * k.home1.x + link1.z * k.home1.z
     cone2 = link2.x * k.home2.x + link2.z * k.home2.z
-    return (
-        *xyz(at.p), *LEVEL,
-        *xyz(at.a1), *xyz(at.c1), *xyz(at.c1), *xyz(at.d1),
-        *xyz(at.a2), *xyz(at.c2), *xyz(at.c2), *xyz(at.d2),
-        *xyz(at.p), *xyz(at.d1), *xyz(at.p), *xyz(at.d2),
-        cone1, cone1, cone2, cone2,
-    )  # fmt: skip
+    return Cones(cone1, cone1, cone2, cone2)
 
 
-def posture(x, y, z, k):  # type: ignore[no-untyped-def]
-    """Return platform, joints' positions and joints, limb by limb; see :meth:`PauuPpap.layout`."""
-    at = pauu_points(x, y, z, k)
-    across1 = normal(Y, minus(at.d1, at.c1))
-    across2 = normal(Y, minus(at.d2, at.c2))
-    rise = z - k.height
+def pauu_positions(at, k):  # type: ignore[no-untyped-def]
+    """Return the actuated joints' positions and limb 3's bars."""
+    rise = at.p.z - k.height
     flat = k.long * k.long - rise * rise
-    bar = Vec3(math.sqrt(flat if flat > 0.0 else 0.0), 0.0, rise)
-    return (
-        *xyz(at.p), *LEVEL,
-        arc_tangent(k.height - at.c1.z, at.c1.x - at.a1.x),
-        arc_tangent(k.height - at.c2.z, at.a2.x - at.c2.x), y,
-        *parallelogram(at.a1, Y, minus(at.c1, at.a1)),
-        *universal(at.c1, Y, across1), *universal(at.d1, across1, Y),
-        *parallelogram(at.a2, MINUS_Y, minus(at.c2, at.a2)),
-        *universal(at.c2, Y, across2), *universal(at.d2, across2, Y),
-        *prismatic(at.foot, Y), *parallelogram(at.foot, MINUS_Y, bar), *prismatic(at.p, X),
-    )  # fmt: skip
+    return Positions(
+        theta1=arc_tangent(k.height - at.c1.z, at.c1.x - at.a1.x),
+        theta2=arc_tangent(k.height - at.c2.z, at.a2.x - at.c2.x),
+        d=at.p.y,
+        bar=Vec3(math.sqrt(flat if flat > 0.0 else 0.0), 0.0, rise),
+    )
+
+
+#: The paper gives no axes of limb 3; these are ours. A link along y, on the boundary of the reach,
+#: is crossed by every axis in xz. Limb 3 keeps the platform level and has no declared shape.
+_ACROSS_1 = Normal(Y, ("c1", "d1"), otherwise=X)
+_ACROSS_2 = Normal(Y, ("c2", "d2"), otherwise=X)
+STRUCTURE = Structure(
+    Evaluated(pauu_points, Points),
+    place="p",
+    chains=(
+        SerialChain(
+            "limb 1",
+            (
+                Parallelogram("a1", Y, bar=("a1", "c1"), drives="theta1"),
+                Universal("c1", Y, _ACROSS_1),
+                Universal("d1", _ACROSS_1, Y),
+            ),
+            bars=("a1", "c1", "d1"),
+            spoke="d1",
+        ),
+        SerialChain(
+            "limb 2",
+            (
+                Parallelogram("a2", MINUS_Y, bar=("a2", "c2"), drives="theta2"),
+                Universal("c2", Y, _ACROSS_2),
+                Universal("d2", _ACROSS_2, Y),
+            ),
+            bars=("a2", "c2", "d2"),
+            spoke="d2",
+        ),
+        SerialChain(
+            "limb 3",
+            (
+                Prismatic("foot", Y, drives="d"),
+                Parallelogram("foot", MINUS_Y, bar="bar"),
+                Prismatic("p", X),
+            ),
+        ),
+    ),
+    cones=Evaluated(pauu_cones, Cones),
+    positions=Evaluated(pauu_positions, Positions),
+)
 
 
 class PauuPpap(Mechanism):
@@ -324,8 +371,7 @@ class PauuPpap(Mechanism):
     line = staticmethod(line)
     line_axis = 1
     line_parts = 2
-    skeleton = staticmethod(skeleton)
-    posture = staticmethod(posture)
+    structure = STRUCTURE
     roles = ("x", "y", "z")
     assembler = Assembler(pauu_assemble, 2, 5, 1)
     completeness = "closed form: two circles meet in two points at most"
@@ -333,10 +379,6 @@ class PauuPpap(Mechanism):
         "a forward singularity, the end points of both cranks coincide as seen from the platform; "
         "the poses form a circle"
     )
-    segments = (0, 0, 1, 1, PLATFORM, PLATFORM)
-    spokes = (0, 1)
-    #: Neither the cranks' bars nor the platform turn: both U joints of a link swing alike.
-    cones = ("U_C1", "U_D1", "U_C2", "U_D2")
 
     def switches(self, limits: Ranges) -> dict[str, int]:
         """Return whether the cranks have limits."""
@@ -412,50 +454,6 @@ class PauuPpap(Mechanism):
     ) -> tuple[Matrix, Vector]:
         """Return no rotation and (x, y, z)."""
         return np.eye(3), np.array([pose["x"], pose["y"], pose["z"]])
-
-    def layout(
-        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
-    ) -> tuple[Chain, ...]:
-        """Return the joints; the paper gives no axes, these are ours.
-
-        Limb 3's parallelogram has long bars of l1 + l2, so that it spans every height the crank
-        limbs reach and is parallel to its slider along x nowhere within.
-        """
-        m, n, l1, l2, c = _lengths(parameters)
-        mode = self.check_mode(working_mode)
-        joints = next(s.joints for s in self.inverse(parameters, pose) if s.working_mode == mode)
-        x_axis, y_axis = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-        end = np.array([pose["x"], pose["y"], pose["z"]])
-        chains = []
-        for i, (side, link) in enumerate(
-            zip((1.0, -1.0), self._links(parameters, pose, joints), strict=True)
-        ):
-            outer = end + np.array([side * n, 0.0, 0.0])
-            pivot = np.array([side * m, 0.0, 2 * c])
-            across = np.cross(y_axis, link)
-            size = norm_of(across)
-            # A link along y, on the boundary of the reach, is crossed by every axis in xz.
-            across = across / size if size > ON_SURFACE * l2 else x_axis
-            chains.append(
-                Chain(
-                    self.limbs[i].name,
-                    (
-                        Joint("Pa", pivot, (side * y_axis,), outer - link - pivot,
-                              (self.joints[i].name, 0)),
-                        Joint("U", outer - link, (y_axis, across)),
-                        Joint("U", outer, (across, y_axis)),
-                    ),
-                )
-            )  # fmt: skip
-        rise = (pose["z"] - 2 * c) / (l1 + l2)
-        bar = (l1 + l2) * np.array([math.sqrt(max(1 - rise * rise, 0.0)), 0.0, rise])
-        foot = np.array([0.0, pose["y"], 2 * c])
-        guide = (
-            Joint("P", foot, (y_axis,), drive=(self.joints[2].name, 0)),
-            Joint("Pa", foot, (-y_axis,), bar),
-            Joint("P", end, (x_axis,)),
-        )
-        return (*chains, Chain(self.limbs[2].name, guide))
 
     def reach(self, parameters: Parameters, pose: Mapping[str, float]) -> tuple[Reach, ...]:
         """Return how far the end point lies inside the torus each crank limb sweeps.

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.limbs import prismatic, revolute, spherical, ups_joints
 from pmopt.kernels.strokes import part_within_stroke
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
 from pmopt.kernels.vectors import (
@@ -31,14 +30,10 @@ from pmopt.kernels.vectors import (
     Vec3,
     Z,
     cross,
-    direction,
     dot,
     least,
-    minus,
     plus,
-    row_by_row,
     turned,
-    xyz,
 )
 from pmopt.mechanisms.bodies import Body, disc, tube
 from pmopt.mechanisms.catalogue.ups_rps_forward import (
@@ -49,11 +44,8 @@ from pmopt.mechanisms.catalogue.ups_rps_forward import (
     rps_WORK,
 )
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
-    Chain,
     Coordinate,
     InverseSolution,
-    Joint,
     Limb,
     Matrix,
     Mechanism,
@@ -63,8 +55,19 @@ from pmopt.mechanisms.mechanism import (
     Reach,
     Vector,
 )
+from pmopt.mechanisms.structure import (
+    Along,
+    Evaluated,
+    Normal,
+    Prismatic,
+    Revolute,
+    SerialChain,
+    Spherical,
+    Structure,
+    Universal,
+)
 from pmopt.numerics import elementary
-from pmopt.numerics.matrices import determinant, norm_of, product
+from pmopt.numerics.matrices import determinant, product
 from pmopt.numerics.rotation import rotation_matrices
 
 TINY = 1e-300
@@ -86,7 +89,7 @@ class Leg(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """One design, as kernel, line, skeleton and posture take it."""
+    """One design, as kernel functions take it."""
 
     r1: float  # radius of T1, mm
     q: float  # R / sqrt 2, mm: T2 .. T5 lie at Y, Z = +-q
@@ -206,6 +209,68 @@ def rps_line(x, y, alpha, beta, gamma, low, high, k):  # type: ignore[no-untyped
     return rps_stroke(part, s5, k.leg5)
 
 
+class Points(NamedTuple):
+    """A configuration, base frame, mm: joints T in the base and S in the platform, its place."""
+
+    t1: Vec3
+    t2: Vec3
+    t3: Vec3
+    t4: Vec3
+    t5: Vec3
+    s1: Vec3
+    s2: Vec3
+    s3: Vec3
+    s4: Vec3
+    s5: Vec3
+    p: Vec3
+    rotation: Rotation
+    span1: Span
+    span2: Span
+    span3: Span
+    span4: Span
+    span5: Span
+
+
+def rps_points(x, y, alpha, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return the points of a configuration."""
+    at = rps_place(x, y, alpha, beta, gamma, k.radius)
+    s1, s2, s3, s4, s5 = rps_spans(at, k)
+    q = k.q
+    return Points(
+        t1=Vec3(0.0, k.r1, 0.0),
+        t2=Vec3(0.0, q, q),
+        t3=Vec3(0.0, -q, q),
+        t4=Vec3(0.0, -q, -q),
+        t5=Vec3(0.0, q, -q),
+        s1=plus(at.p, s1.arm),
+        s2=plus(at.p, s2.arm),
+        s3=plus(at.p, s3.arm),
+        s4=plus(at.p, s4.arm),
+        s5=plus(at.p, s5.arm),
+        p=at.p,
+        rotation=at.rotation,
+        span1=s1,
+        span2=s2,
+        span3=s3,
+        span4=s4,
+        span5=s5,
+    )
+
+
+class Cones(NamedTuple):
+    """Cosines between limbs and their directions at home, in the base and in the platform."""
+
+    U_T2: float
+    U_T3: float
+    U_T4: float
+    U_T5: float
+    S_S1: float
+    S_S2: float
+    S_S3: float
+    S_S4: float
+    S_S5: float
+
+
 def rps_in_base(span, leg):  # type: ignore[no-untyped-def]
     """Return the cosine between a limb and its direction at home in the base."""
     return dot(span.gap, leg.in_base) / (span.length + TINY)
@@ -216,48 +281,68 @@ def rps_in_platform(span, at, leg):  # type: ignore[no-untyped-def]
     return dot(span.gap, turned(at.rotation, leg.in_platform)) / (span.length + TINY)
 
 
-def rps_skeleton(x, y, alpha, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return the platform, the five limbs and the platform's spokes, and the cones."""
-    at = rps_place(x, y, alpha, beta, gamma, k.radius)
-    s1, s2, s3, s4, s5 = rps_spans(at, k)
-    p = xyz(at.p)
-    e1 = xyz(plus(at.p, s1.arm))
-    e2 = xyz(plus(at.p, s2.arm))
-    e3 = xyz(plus(at.p, s3.arm))
-    e4 = xyz(plus(at.p, s4.arm))
-    e5 = xyz(plus(at.p, s5.arm))
-    return (
-        *p, *row_by_row(at.rotation),
-        0.0, k.r1, 0.0, *e1,
-        0.0, k.q, k.q, *e2,
-        0.0, -k.q, k.q, *e3,
-        0.0, -k.q, -k.q, *e4,
-        0.0, k.q, -k.q, *e5,
-        *p, *e1, *p, *e2, *p, *e3, *p, *e4, *p, *e5,
-        rps_in_base(s2, k.leg2), rps_in_base(s3, k.leg3),
-        rps_in_base(s4, k.leg4), rps_in_base(s5, k.leg5),
-        rps_in_platform(s1, at, k.leg1), rps_in_platform(s2, at, k.leg2),
-        rps_in_platform(s3, at, k.leg3), rps_in_platform(s4, at, k.leg4),
-        rps_in_platform(s5, at, k.leg5),
-    )  # fmt: skip
+def rps_cones(at, k):  # type: ignore[no-untyped-def]
+    """Return the cosines of the cone angles."""
+    return Cones(
+        U_T2=rps_in_base(at.span2, k.leg2),
+        U_T3=rps_in_base(at.span3, k.leg3),
+        U_T4=rps_in_base(at.span4, k.leg4),
+        U_T5=rps_in_base(at.span5, k.leg5),
+        S_S1=rps_in_platform(at.span1, at, k.leg1),
+        S_S2=rps_in_platform(at.span2, at, k.leg2),
+        S_S3=rps_in_platform(at.span3, at, k.leg3),
+        S_S4=rps_in_platform(at.span4, at, k.leg4),
+        S_S5=rps_in_platform(at.span5, at, k.leg5),
+    )
 
 
-def rps_posture(x, y, alpha, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return platform, lengths and joints; the first axis of each U is tangential in the base."""
-    at = rps_place(x, y, alpha, beta, gamma, k.radius)
-    s1, s2, s3, s4, s5 = rps_spans(at, k)
-    q = k.q
-    t1 = Vec3(0.0, k.r1, 0.0)
-    e1 = plus(at.p, s1.arm)
-    return (
-        *xyz(at.p), *row_by_row(at.rotation),
-        s1.length, s2.length, s3.length, s4.length, s5.length,
-        *revolute(t1, Z), *prismatic(t1, direction(minus(e1, t1))), *spherical(e1),
-        *ups_joints(Vec3(0.0, q, q), plus(at.p, s2.arm), Vec3(0.0, -SQRT_HALF, SQRT_HALF)),
-        *ups_joints(Vec3(0.0, -q, q), plus(at.p, s3.arm), Vec3(0.0, -SQRT_HALF, -SQRT_HALF)),
-        *ups_joints(Vec3(0.0, -q, -q), plus(at.p, s4.arm), Vec3(0.0, SQRT_HALF, -SQRT_HALF)),
-        *ups_joints(Vec3(0.0, q, -q), plus(at.p, s5.arm), Vec3(0.0, SQRT_HALF, SQRT_HALF)),
-    )  # fmt: skip
+class Positions(NamedTuple):
+    """Lengths of the limbs, mm."""
+
+    l1: float
+    l2: float
+    l3: float
+    l4: float
+    l5: float
+
+
+def rps_positions(at, k):  # type: ignore[no-untyped-def]
+    """Return the limbs' lengths."""
+    return Positions(
+        at.span1.length, at.span2.length, at.span3.length, at.span4.length, at.span5.length
+    )
+
+
+def _limb(k: int, *base: Revolute | Universal) -> SerialChain:
+    """Return limb k with its joint at the base."""
+    return SerialChain(
+        f"limb {k}",
+        (*base, Prismatic(f"t{k}", Along(f"t{k}", f"s{k}"), drives=f"l{k}"), Spherical(f"s{k}")),
+        bars=(f"t{k}", f"s{k}"),
+        spoke=f"s{k}",
+    )
+
+
+def _ups(k: int, tangent: Vec3) -> SerialChain:
+    """Return UPS limb k; the first axis of its U joint is tangential in the base (ours)."""
+    across = Normal(tangent, Along(f"t{k}", f"s{k}"))
+    return _limb(k, Universal(f"t{k}", tangent, across))
+
+
+STRUCTURE = Structure(
+    Evaluated(rps_points, Points),
+    place="p",
+    rotation="rotation",
+    chains=(
+        _limb(1, Revolute("t1", Z)),
+        _ups(2, Vec3(0.0, -SQRT_HALF, SQRT_HALF)),
+        _ups(3, Vec3(0.0, -SQRT_HALF, -SQRT_HALF)),
+        _ups(4, Vec3(0.0, SQRT_HALF, -SQRT_HALF)),
+        _ups(5, Vec3(0.0, SQRT_HALF, SQRT_HALF)),
+    ),
+    cones=Evaluated(rps_cones, Cones),
+    positions=Evaluated(rps_positions, Positions),
+)
 
 
 class UpsRps(Mechanism):
@@ -306,16 +391,12 @@ class UpsRps(Mechanism):
     line = staticmethod(rps_line)
     line_axis = 0
     line_parts = 1
-    skeleton = staticmethod(rps_skeleton)
-    segments = (0, 1, 2, 3, 4, *[PLATFORM] * 5)
-    spokes = (0, 1, 2, 3, 4)
-    posture = staticmethod(rps_posture)
+    structure = STRUCTURE
     roles = ("x", "y", "yaw", "pitch", "roll")
     parasitic_roles = ("z",)
     assembler = Assembler(rps_assemble, rps_MODES, 8, rps_WORK)
     completeness = "the real ends of 18 paths and their mirror images; that they are all is checked"
     down = (1.0, 0.0, 0.0)
-    cones = (*(f"U_T{k}" for k in range(2, 6)), *(f"S_S{k}" for k in range(1, 6)))
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return r."""
@@ -441,27 +522,6 @@ class UpsRps(Mechanism):
         """Return Rot and P."""
         z = _radii(parameters)[2] * elementary.cos(pose["beta"]) * elementary.cos(pose["gamma"])
         return rotation_matrices(_angles(pose))[0][0], np.array([pose["x"], pose["y"], z])
-
-    def layout(
-        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
-    ) -> tuple[Chain, ...]:
-        """Return the limbs; the first axis of each U is tangential in the base (ours)."""
-        rotation, centre = self.platform(parameters, pose)
-        anchors = _anchors(parameters)
-        ends = centre + product(_points(parameters), rotation.T)
-        chains = []
-        for k, (limb, anchor, end) in enumerate(zip(self.limbs, anchors, ends, strict=True)):
-            along = (end - anchor) / norm_of(end - anchor)
-            if k == 0:
-                first = Joint("R", anchor, (np.array([0.0, 0.0, 1.0]),))
-            else:
-                tangent = np.cross([1.0, 0.0, 0.0], anchor)
-                tangent /= norm_of(tangent)
-                second = np.cross(tangent, along)
-                first = Joint("U", anchor, (tangent, second / norm_of(second)))
-            slide = Joint("P", anchor, (along,), drive=(f"l{k + 1}", 0))
-            chains.append(Chain(limb.name, (first, slide, Joint("S", end))))
-        return tuple(chains)
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import InputError
-from pmopt.kernels.limbs import prismatic, spherical, ups_joints
 from pmopt.kernels.octics import bernstein, nodes
 from pmopt.kernels.strokes import part_within_stroke
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
@@ -36,18 +35,13 @@ from pmopt.kernels.vectors import (
     cross,
     dot,
     least,
-    row_by_row,
     turned,
-    xyz,
 )
 from pmopt.mechanisms.bodies import Body, plate, tube
 from pmopt.mechanisms.catalogue.ups_sp_forward import sp_assemble, sp_MODES, sp_WORK
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
-    Chain,
     Coordinate,
     InverseSolution,
-    Joint,
     Limb,
     Matrix,
     Mechanism,
@@ -56,6 +50,16 @@ from pmopt.mechanisms.mechanism import (
     Ranges,
     Reach,
     Vector,
+)
+from pmopt.mechanisms.structure import (
+    Along,
+    Evaluated,
+    Normal,
+    Prismatic,
+    SerialChain,
+    Spherical,
+    Structure,
+    Universal,
 )
 from pmopt.numerics.matrices import determinant, norm_of, product
 from pmopt.numerics.rotation import rotation_matrices
@@ -79,7 +83,7 @@ class Leg(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """One design, as kernel, line, skeleton and posture take it."""
+    """One design, as kernel functions take it."""
 
     base: float  # A / 2, mm
     scale: float  # 1 / characteristic length, 1/mm; 1 for the raw Jacobian
@@ -194,6 +198,67 @@ def sp_line(phi, theta, psi, l4, low, high, k):  # type: ignore[no-untyped-def]
     return sp_stroke(part, r, s3, k.leg3)
 
 
+def sp_point(arm, base):  # type: ignore[no-untyped-def]
+    """Return the point that ``arm`` leads to from A4."""
+    return Vec3(arm.x - base, arm.y - base, arm.z)
+
+
+class Points(NamedTuple):
+    """A configuration, base frame, mm: corners of base and platform, its centre, the limbs."""
+
+    a1: Vec3
+    a2: Vec3
+    a3: Vec3
+    a4: Vec3
+    b1: Vec3
+    b2: Vec3
+    b3: Vec3
+    b4: Vec3
+    p: Vec3
+    rotation: Rotation
+    along: Vec3  # the platform's normal
+    span1: Span
+    span2: Span
+    span3: Span
+    l4: float
+
+
+def sp_points(phi, theta, psi, l4, k):  # type: ignore[no-untyped-def]
+    """Return the points of a configuration."""
+    a = k.base
+    r = roll_pitch_yaw(phi, theta, psi)
+    s1, s2, s3 = sp_spans(r, l4, k)
+    return Points(
+        a1=Vec3(a, -a, 0.0),
+        a2=Vec3(a, a, 0.0),
+        a3=Vec3(-a, a, 0.0),
+        a4=Vec3(-a, -a, 0.0),
+        b1=sp_point(s1.arm, a),
+        b2=sp_point(s2.arm, a),
+        b3=sp_point(s3.arm, a),
+        b4=sp_point(turned(r, Vec3(0.0, 0.0, l4)), a),
+        p=sp_point(turned(r, Vec3(-k.b4x, -k.b4y, l4)), a),
+        rotation=r,
+        along=axis_z(r),
+        span1=s1,
+        span2=s2,
+        span3=s3,
+        l4=l4,
+    )
+
+
+class Cones(NamedTuple):
+    """Cosines between limbs and their directions at home, in the base and in the platform."""
+
+    U_A1: float
+    U_A2: float
+    U_A3: float
+    S_B1: float
+    S_B2: float
+    S_B3: float
+    S_A4: float
+
+
 def sp_in_base(span, leg):  # type: ignore[no-untyped-def]
     """Return the cosine between a limb and its direction at home in the base."""
     return dot(span.gap, leg.in_base) * (1.0 / (span.length + TINY))
@@ -204,61 +269,66 @@ def sp_in_platform(span, r, leg):  # type: ignore[no-untyped-def]
     return dot(span.gap, turned(r, leg.in_platform)) * (1.0 / (span.length + TINY))
 
 
-def sp_point(arm, base):  # type: ignore[no-untyped-def]
-    """Return the point that ``arm`` leads to from A4."""
-    return Vec3(arm.x - base, arm.y - base, arm.z)
+def sp_cones(at, k):  # type: ignore[no-untyped-def]
+    """Return the cosines of the cone angles."""
+    return Cones(
+        U_A1=sp_in_base(at.span1, k.leg1),
+        U_A2=sp_in_base(at.span2, k.leg2),
+        U_A3=sp_in_base(at.span3, k.leg3),
+        S_B1=sp_in_platform(at.span1, at.rotation, k.leg1),
+        S_B2=sp_in_platform(at.span2, at.rotation, k.leg2),
+        S_B3=sp_in_platform(at.span3, at.rotation, k.leg3),
+        S_A4=dot(at.along, k.post),
+    )
 
 
-def sp_centre(r, l4, k):  # type: ignore[no-untyped-def]
-    """Return the platform's centre P."""
-    return sp_point(turned(r, Vec3(-k.b4x, -k.b4y, l4)), k.base)
+class Positions(NamedTuple):
+    """Lengths of the limbs, mm."""
+
+    l1: float
+    l2: float
+    l3: float
+    l4: float
 
 
-def sp_skeleton(phi, theta, psi, l4, k):  # type: ignore[no-untyped-def]
-    """Return the platform, the four limbs and the platform's spokes, and the cones."""
-    a = k.base
-    r = roll_pitch_yaw(phi, theta, psi)
-    s1, s2, s3 = sp_spans(r, l4, k)
-    p = xyz(sp_centre(r, l4, k))
-    b1 = xyz(sp_point(s1.arm, a))
-    b2 = xyz(sp_point(s2.arm, a))
-    b3 = xyz(sp_point(s3.arm, a))
-    b4 = xyz(sp_point(turned(r, Vec3(0.0, 0.0, l4)), a))
-    return (
-        *p, *row_by_row(r),
-        a, -a, 0.0, *b1,
-        a, a, 0.0, *b2,
-        -a, a, 0.0, *b3,
-        -a, -a, 0.0, *b4,
-        *p, *b1, *p, *b2, *p, *b3, *p, *b4,
-        sp_in_base(s1, k.leg1), sp_in_base(s2, k.leg2), sp_in_base(s3, k.leg3),
-        sp_in_platform(s1, r, k.leg1), sp_in_platform(s2, r, k.leg2),
-        sp_in_platform(s3, r, k.leg3),
-        dot(axis_z(r), k.post),
-    )  # fmt: skip
+def sp_positions(at, k):  # type: ignore[no-untyped-def]
+    """Return the limbs' lengths."""
+    return Positions(at.span1.length, at.span2.length, at.span3.length, at.l4)
 
 
-def sp_posture(phi, theta, psi, l4, k):  # type: ignore[no-untyped-def]
-    """Return platform, lengths and joints; the first axis of each U is tangential in the base."""
-    a = k.base
-    r = roll_pitch_yaw(phi, theta, psi)
-    s1, s2, s3 = sp_spans(r, l4, k)
-    q = SQRT_HALF
-    a1 = Vec3(a, -a, 0.0)
-    a2 = Vec3(a, a, 0.0)
-    a3 = Vec3(-a, a, 0.0)
-    a4 = Vec3(-a, -a, 0.0)
-    b1 = sp_point(s1.arm, a)
-    b2 = sp_point(s2.arm, a)
-    b3 = sp_point(s3.arm, a)
-    return (
-        *xyz(sp_centre(r, l4, k)), *row_by_row(r),
-        s1.length, s2.length, s3.length, l4,
-        *ups_joints(a1, b1, Vec3(q, q, 0.0)),
-        *ups_joints(a2, b2, Vec3(-q, q, 0.0)),
-        *ups_joints(a3, b3, Vec3(-q, -q, 0.0)),
-        *spherical(a4), *prismatic(a4, axis_z(r)),
-    )  # fmt: skip
+def _ups(i: int, tangent: Vec3) -> SerialChain:
+    """Return UPS limb i; the first axis of its U joint is tangential in the base (ours)."""
+    along = Along(f"a{i}", f"b{i}")
+    return SerialChain(
+        f"limb {i}",
+        (
+            Universal(f"a{i}", tangent, Normal(tangent, along)),
+            Prismatic(f"a{i}", along, drives=f"l{i}"),
+            Spherical(f"b{i}"),
+        ),
+        bars=(f"a{i}", f"b{i}"),
+        spoke=f"b{i}",
+    )
+
+
+STRUCTURE = Structure(
+    Evaluated(sp_points, Points),
+    place="p",
+    rotation="rotation",
+    chains=(
+        _ups(1, Vec3(SQRT_HALF, SQRT_HALF, 0.0)),
+        _ups(2, Vec3(-SQRT_HALF, SQRT_HALF, 0.0)),
+        _ups(3, Vec3(-SQRT_HALF, -SQRT_HALF, 0.0)),
+        SerialChain(
+            "limb 4",
+            (Spherical("a4"), Prismatic("a4", "along", drives="l4")),
+            bars=("a4", "b4"),
+            spoke="b4",
+        ),
+    ),
+    cones=Evaluated(sp_cones, Cones),
+    positions=Evaluated(sp_positions, Positions),
+)
 
 
 class UpsSp(Mechanism):
@@ -316,14 +386,10 @@ class UpsSp(Mechanism):
     line = staticmethod(sp_line)
     line_axis = 3
     line_parts = 1
-    skeleton = staticmethod(sp_skeleton)
-    segments = (0, 1, 2, 3, PLATFORM, PLATFORM, PLATFORM, PLATFORM)
-    spokes = (0, 1, 2, 3)
-    posture = staticmethod(sp_posture)
+    structure = STRUCTURE
     roles = ("yaw", "pitch", "roll", "l4")
     assembler = Assembler(sp_assemble, sp_MODES, 6, sp_WORK)
     completeness = "by a polynomial of degree 8, whose real roots are counted"
-    cones = ("U_A1", "U_A2", "U_A3", "S_B1", "S_B2", "S_B3", "S_A4")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return a / sqrt 2."""
@@ -439,32 +505,6 @@ class UpsSp(Mechanism):
         base, platform = _corners(parameters)
         rotation = rotation_matrices(_angles(pose))[0][0]
         return rotation, base[3] + product(rotation, np.array([0.0, 0.0, pose["l4"]]) - platform[3])
-
-    def layout(
-        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
-    ) -> tuple[Chain, ...]:
-        """Return the limbs; the first axis of each U is tangential in the base (ours)."""
-        base, platform = _corners(parameters)
-        rotation, centre = self.platform(parameters, pose)
-        chains = []
-        for i in range(3):
-            end = centre + product(rotation, platform[i])
-            along = (end - base[i]) / norm_of(end - base[i])
-            first = np.cross([0.0, 0.0, 1.0], base[i])
-            first /= norm_of(first)
-            second = np.cross(first, along)
-            chains.append(
-                Chain(
-                    self.limbs[i].name,
-                    (
-                        Joint("U", base[i], (first, second / norm_of(second))),
-                        Joint("P", base[i], (along,), drive=(f"l{i + 1}", 0)),
-                        Joint("S", end),
-                    ),
-                )
-            )
-        post = Joint("P", base[3], (rotation[:, 2],), drive=("l4", 0))
-        return (*chains, Chain(self.limbs[3].name, (Joint("S", base[3]), post)))
 
     def kernel_constants(
         self, parameters: Parameters, working_mode: str, length: float, limits: Ranges

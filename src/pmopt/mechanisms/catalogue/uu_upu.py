@@ -36,14 +36,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.compiler.programs import Assembler
 from pmopt.errors import UnreachableError, unknown_name
-from pmopt.kernels.limbs import prismatic, spherical, universal
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos
 from pmopt.kernels.vectors import (
     Rotation,
@@ -52,14 +51,11 @@ from pmopt.kernels.vectors import (
     dot,
     least,
     minus,
-    row_by_row,
     turned,
-    xyz,
 )
 from pmopt.mechanisms.bodies import Body, triangle, tube
 from pmopt.mechanisms.catalogue.uu_upu_forward import uu_assemble
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
     Chain,
     Coordinate,
     Curve,
@@ -73,6 +69,16 @@ from pmopt.mechanisms.mechanism import (
     Ranges,
     Reach,
     Vector,
+)
+from pmopt.mechanisms.structure import (
+    Evaluated,
+    Freedom,
+    Normal,
+    Prismatic,
+    SerialChain,
+    Spherical,
+    Structure,
+    Universal,
 )
 from pmopt.numerics import elementary
 from pmopt.numerics.matrices import determinant, product
@@ -146,7 +152,7 @@ class Arc(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """One design, as kernel, skeleton and posture take it."""
+    """One design, as kernel functions take it."""
 
     geometry: Geometry
     weight: float  # characteristic length, m; 1 for the raw Jacobian
@@ -246,10 +252,10 @@ class Solved(NamedTuple):
     turn: Turn
 
 
-class Frame(NamedTuple):
+class Points(NamedTuple):
     """A configuration, base frame, m."""
 
-    solved: Solved
+    turn: Turn
     rotation: Rotation
     p: Vec3
     p1: Vec3
@@ -258,6 +264,31 @@ class Frame(NamedTuple):
     b1: Vec3
     b2: Vec3
     b3: Vec3
+
+
+class Cones(NamedTuple):
+    """Cosines between limbs and their directions at home, in the platform."""
+
+    S_P1: float
+    U_P2: float
+    U_P3: float
+
+
+class Positions(NamedTuple):
+    """Positions of joints, m and rad, and directions of axes."""
+
+    theta1: float
+    phi: float
+    delta3: float
+    l1: float
+    eta1: float
+    delta2: float
+    kappa: float
+    psi: float
+    along: Vec3  # limb 1
+    lower: Vec3  # -n and n, normal to the limb plane
+    upper: Vec3
+    o: Vec3  # from P3 to P2
 
 
 def uup_turn(u, tilt):  # type: ignore[no-untyped-def]
@@ -533,11 +564,15 @@ def uup_of_v(v, beta, gamma, k):  # type: ignore[no-untyped-def]
     return (x, up * slope, *uup_outcome(1.0, cb, turn, bar, k))
 
 
-def uup_frame(x, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return a configuration."""
+def uup_points(x, beta, gamma, k):  # type: ignore[no-untyped-def]
+    """Return the points of a configuration."""
+    return uup_placed(uup_pose(x, beta, gamma, k.geometry).turn, k)
+
+
+def uup_placed(turn, k):  # type: ignore[no-untyped-def]
+    """Return the points at a turn of plane, coupler and platform."""
     a, c, l2, _, r, big_r, s, _, _ = k.geometry
-    solved = uup_pose(x, beta, gamma, k.geometry)
-    sphi, cphi, sk, ck, spsi, cpsi = solved.turn
+    sphi, cphi, sk, ck, spsi, cpsi = turn
     bar = uup_bar(sk, ck, a, c, l2, s)
     y = bar.f * c * sk
     base = -0.5 * r
@@ -554,8 +589,8 @@ def uup_frame(x, beta, gamma, k):  # type: ignore[no-untyped-def]
     mz = bar.h * cphi
     half = 0.5 * big_r
     p = Vec3(mx + half * xx, y + half * xy, mz + half * xz)
-    return Frame(
-        solved,
+    return Points(
+        turn,
         Rotation(xx, ox, zx, xy, ck, zy, xz, oz, zz),
         p,
         p1=Vec3(p.x + big_r * xx, p.y + big_r * xy, p.z + big_r * xz),
@@ -567,51 +602,89 @@ def uup_frame(x, beta, gamma, k):  # type: ignore[no-untyped-def]
     )
 
 
-def skeleton(x, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return platform, links and spokes, and the cosines of the cone angles at S1, U2 and U3."""
-    at = uup_frame(x, beta, gamma, k)
+def uup_cones(at, k):  # type: ignore[no-untyped-def]
+    """Return the cosines of the cone angles."""
     length = k.geometry.length
     w1 = minus(at.p1, at.b1)
     l1 = math.sqrt(dot(w1, w1)) + TINY
-    p = xyz(at.p)
-    p1 = xyz(at.p1)
-    p2 = xyz(at.p2)
-    p3 = xyz(at.p3)
-    return (
-        *p, *row_by_row(at.rotation),
-        *xyz(at.b1), *p1, *xyz(at.b2), *p2, *xyz(at.b3), *p3,
-        *p, *p1, *p, *p2, *p, *p3,
+    return Cones(
         dot(w1, turned(at.rotation, k.home1)) / l1,
         dot(minus(at.p2, at.b2), turned(at.rotation, k.home2)) / length,
         dot(minus(at.p3, at.b3), turned(at.rotation, k.home3)) / length,
-    )  # fmt: skip
+    )
 
 
-def posture(x, beta, gamma, k):  # type: ignore[no-untyped-def]
-    """Return platform, joints' positions and joints; see :meth:`UuUpu.layout`."""
+def uup_positions(at, k):  # type: ignore[no-untyped-def]
+    """Return the joints' positions and axes."""
     a, c, l2, _, _, _, s, _, _ = k.geometry
-    at = uup_frame(x, beta, gamma, k)
-    sphi, cphi, sk, ck, spsi, cpsi = at.solved.turn
+    sphi, cphi, sk, ck, spsi, cpsi = at.turn
     bar = uup_bar(sk, ck, a, c, l2, s)
     h = bar.h
     y = bar.f * c * sk
     w = minus(at.p1, at.b1)
     flat = math.sqrt(w.x * w.x + w.z * w.z)
     l1 = math.sqrt(flat * flat + w.y * w.y)
-    lower = Vec3(-cphi, 0.0, sphi)
-    upper = Vec3(cphi, 0.0, -sphi)
-    o = Vec3(at.rotation.xy, at.rotation.yy, at.rotation.zy)
-    return (
-        *xyz(at.p), *row_by_row(at.rotation),
-        arc_tangent(w.x, w.z), arc_tangent(sphi, cphi),
-        arc_tangent(y + a - c * ck, h - c * sk),
-        l1, arc_tangent(w.y, flat), arc_tangent(y - a + c * ck, h + c * sk),
-        arc_tangent(sk, ck), arc_tangent(spsi, cpsi),
-        *universal(at.b1, Y, Vec3(-w.z / flat, 0.0, w.x / flat)),
-        *prismatic(at.b1, Vec3(w.x / l1, w.y / l1, w.z / l1)), *spherical(at.p1),
-        *universal(at.b2, Y, lower), *universal(at.p2, upper, o),
-        *universal(at.b3, Y, lower), *universal(at.p3, upper, o),
-    )  # fmt: skip
+    return Positions(
+        theta1=arc_tangent(w.x, w.z),
+        phi=arc_tangent(sphi, cphi),
+        delta3=arc_tangent(y + a - c * ck, h - c * sk),
+        l1=l1,
+        eta1=arc_tangent(w.y, flat),
+        delta2=arc_tangent(y - a + c * ck, h + c * sk),
+        kappa=arc_tangent(sk, ck),
+        psi=arc_tangent(spsi, cpsi),
+        along=Vec3(w.x / l1, w.y / l1, w.z / l1),
+        lower=Vec3(-cphi, 0.0, sphi),
+        upper=Vec3(cphi, 0.0, -sphi),
+        o=Vec3(at.rotation.xy, at.rotation.yy, at.rotation.zy),
+    )
+
+
+#: The axes are those theta1, eta1, phi, delta2 and delta3 turn about. Where P1 lies on theta1's
+#: axis, eta1 turns about any axis across it.
+STRUCTURE = Structure(
+    Evaluated(uup_points, Points),
+    place="p",
+    rotation="rotation",
+    chains=(
+        SerialChain(
+            "limb 1",
+            (
+                Universal(
+                    "b1",
+                    Y,
+                    Normal(("b1", "p1"), Y, otherwise=Vec3(-1.0, 0.0, 0.0)),
+                    drives_first="theta1",
+                ),
+                Prismatic("b1", "along"),
+                Spherical("p1"),
+            ),
+            bars=("b1", "p1"),
+            spoke="p1",
+        ),
+        SerialChain(
+            "limb 2",
+            (Universal("b2", Y, "lower", drives_first="phi"), Universal("p2", "upper", "o")),
+            bars=("b2", "p2"),
+            spoke="p2",
+        ),
+        SerialChain(
+            "limb 3",
+            (Universal("b3", Y, "lower", drives_second="delta3"), Universal("p3", "upper", "o")),
+            bars=("b3", "p3"),
+            spoke="p3",
+        ),
+    ),
+    cones=Evaluated(uup_cones, Cones),
+    positions=Evaluated(uup_positions, Positions),
+    followed={
+        "l1": (Freedom("l1"),),
+        "eta1": (Freedom("U_B1", "second"),),
+        "delta2": (Freedom("U_B2", "second"),),
+        "kappa": (Freedom("U_P2", "first"), Freedom("U_B2", "second", -1.0)),
+        "psi": (Freedom("U_P2", "second"),),
+    },
+)
 
 
 def uup_main(x, tilt, far, sizes, up, length):  # type: ignore[no-untyped-def]
@@ -1213,8 +1286,7 @@ class UuUpu(Mechanism):
     kernel = staticmethod(kernel)
     constants = Constants
     curve = Curve(0, uup_of_v)
-    skeleton = staticmethod(skeleton)
-    posture = staticmethod(posture)
+    structure = STRUCTURE
     roles = ("x", "pitch", "roll")
     assembler = Assembler(uu_assemble, 4, 8, 1)
     inverter = Assembler(uup_invert, uup_MOST, 12, 9 * uup_ROOM + 4 * uup_MOST + 6)
@@ -1225,16 +1297,6 @@ class UuUpu(Mechanism):
         "free to move"
     )
     parasitic_roles = ("y", "z", "yaw")
-    followed: ClassVar[Mapping[str, tuple[tuple[int, int, float], ...]]] = {
-        "l1": ((0, 2, 1.0),),
-        "eta1": ((0, 1, 1.0),),
-        "delta2": ((1, 1, 1.0),),
-        "kappa": ((1, 2, 1.0), (1, 1, -1.0)),
-        "psi": ((1, 3, 1.0),),
-    }
-    segments = (0, 1, 2, PLATFORM, PLATFORM, PLATFORM)
-    spokes = (0, 1, 2)
-    cones = ("S_P1", "U_P2", "U_P3")
 
     def characteristic_length(self, parameters: Parameters) -> float:
         """Return R = ps / sqrt 3."""
@@ -1417,30 +1479,20 @@ class UuUpu(Mechanism):
             raise UnreachableError(f"{self.name} can not reach {shown} in working mode {mode}")
         return found
 
-    def layout(
-        self, parameters: Parameters, pose: Mapping[str, float], working_mode: str | None = None
-    ) -> tuple[Chain, ...]:
-        """Return the limbs; the axes are those theta1, eta1, phi, delta2 and delta3 turn about."""
-        at = self.at(parameters, pose, working_mode)
-        y, o, n = np.array([0.0, 1.0, 0.0]), at.rotation[:, 1], at.normal
-        across = np.array([-elementary.cos(at.theta1), 0.0, elementary.sin(at.theta1)])
-        b1, b2, b3 = at.base
-        p1, p2, p3 = at.ends
-        return (
-            Chain("limb 1", (
-                Joint("U", b1, (y, across), drive=("theta1", 0)),
-                Joint("P", b1, (at.directions[0],)),
-                Joint("S", p1),
-            )),
-            Chain("limb 2", (
-                Joint("U", b2, (y, -n), drive=("phi", 0)),
-                Joint("U", p2, (n, o)),
-            )),
-            Chain("limb 3", (
-                Joint("U", b3, (y, -n), drive=("delta3", 1)),
-                Joint("U", p3, (n, o)),
-            )),
-        )  # fmt: skip
+    def points_at(
+        self, parameters: Parameters, pose: Mapping[str, float], mode: str, constants: Any
+    ) -> Points:
+        """Return the points at the root of the scan: exact where the kernel's steps end near it.
+
+        Raises
+        ------
+        UnreachableError
+            If the working mode has no solution there.
+        """
+        phi, kappa, psi = self.at(parameters, pose, mode).q.tolist()
+        turn = Turn(*elementary.sin_cos(phi), *elementary.sin_cos(kappa), *elementary.sin_cos(psi))
+        found: Points = uup_placed(turn, constants)
+        return found
 
     def alternative_layout(self, parameters: Parameters, name: str) -> tuple[Chain, ...]:
         """Return the paper's limbs with the platform centred and level above the base."""

@@ -148,7 +148,7 @@ def _check_options(command: Printed, folder: Path) -> Iterator[Finding]:
 
     import click
 
-    from pmopt.cli.main import COMMANDS, LazyGroup
+    from pmopt.cli.commands import COMMANDS, LazyGroup
 
     words = shlex.split(_bare(command.text))
     if words[0] != "pmopt":

@@ -30,7 +30,7 @@ from support.cli_runner import (
 )
 
 import pmopt as package
-from pmopt.cli.main import COMMANDS
+from pmopt.cli.commands import COMMANDS
 from pmopt.execution import threads
 
 MECH = "2pauu-ppap"

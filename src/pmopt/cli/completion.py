@@ -21,7 +21,7 @@ def completion_command(shell: str, form: str, quiet: bool, debug: bool) -> None:
     Example:
       pmopt completion bash >> ~/.bashrc
     """
-    from pmopt.cli.main import cli
+    from pmopt.cli.commands import cli
 
     script_class = get_completion_class(shell)
     if script_class is None:  # pragma: no cover - click knows the three

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import click
 
+from pmopt.cli.commands import COMMANDS, cli
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find, names
 
@@ -32,8 +33,6 @@ def _mechanism(words: Sequence[str]) -> Mechanism | None:
 
 
 def _options(name: str) -> set[str]:
-    from pmopt.cli.main import cli
-
     command = cli.get_command(click.Context(cli), name)
     return {o for p in command.params for o in p.opts} if command else set()
 
@@ -61,8 +60,6 @@ def _option(error: click.NoSuchOption, words: Sequence[str]) -> str | None:
         if place is not None:
             span = "LOWER:UPPER" if place in ("--domain", "--limits") else "VALUE"
             return f"{error.option_name} is no option: {place} {name}={span} is"
-    from pmopt.cli.main import COMMANDS
-
     having = [other for other in COMMANDS if error.option_name in _options(other)]
     if having and command in COMMANDS:
         return (

@@ -1,14 +1,17 @@
 """Numbers from tallies, each with its error.
 
-Volume, GCI, region volumes and region shares are entries of one vector, so that one jackknife over
-replicates gives all their errors. Quantiles of LCI and their errors come from the histogram.
+Volume, GCI, region volumes and region shares are entries of one vector (:data:`_FIGURES`), so that
+one jackknife over replicates gives all their errors. Quantiles of LCI and their errors come from
+the histogram.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,21 +64,50 @@ class _Sums(NamedTuple):
     above: NDArray[np.float64]
 
 
+#: Figures of which there is one a region.
+_BY_REGION = ("region_volumes", "region_shares")
+
+
+def _members(sums: _Sums) -> NDArray[np.float64]:
+    """Return the poses of each pool in each region (P, r)."""
+    count = sums.reachable[:, None]
+    bounded = np.concatenate([count, sums.above, np.zeros_like(count)], axis=1)
+    return np.asarray(bounded[:, :-1] - bounded[:, 1:])
+
+
+class _Figure(NamedTuple):
+    """A number, or one a region, that all errors of one vector are estimated for together.
+
+    Attributes
+    ----------
+    of : callable
+        ``of(box, sums)``: one for each pool (P,), or some (P, r).
+    resolution : callable
+        ``resolution(one point's volume, reachable points)``: the error is no less.
+    """
+
+    of: Callable[[float, _Sums], NDArray[np.float64]]
+    resolution: Callable[[float, float], float]
+
+
+#: By the names of :class:`Estimates`.
+_FIGURES = {
+    "volume": _Figure(lambda box, s: box * s.reachable / s.points, lambda point, count: point),
+    "gci": _Figure(lambda box, s: s.total / s.reachable, lambda point, count: 0.0),
+    "region_volumes": _Figure(
+        lambda box, s: box * _members(s) / s.points[:, None], lambda point, count: point
+    ),
+    "region_shares": _Figure(
+        lambda box, s: _members(s) / s.reachable[:, None], lambda point, count: 1 / count
+    ),
+}
+
+
 def _vector(box: float, sums: _Sums) -> NDArray[np.float64]:
-    """Return volume, GCI, region volumes, region shares of each pool; NaN for no index."""
+    """Return all figures of each pool, (P, n), one after the other; NaN for no index."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        count = sums.reachable
-        bounded = np.concatenate(
-            [count[:, None], sums.above, np.zeros_like(count)[:, None]], axis=1
-        )
-        members = bounded[:, :-1] - bounded[:, 1:]
-        columns = [
-            box * count / sums.points,
-            sums.total / count,
-            *(box * members / sums.points[:, None]).T,
-            *(members / count[:, None]).T,
-        ]
-    return np.stack(columns, axis=1)
+        columns = [figure.of(box, sums) for figure in _FIGURES.values()]
+    return np.concatenate([c[:, None] if c.ndim == 1 else c for c in columns], axis=1)
 
 
 def _pool(tallies: Tallies) -> tuple[_Sums, _Sums]:
@@ -210,8 +242,10 @@ def from_grid(grid: Tallies, sample: Tallies) -> Estimates:
     found = from_replicates(sample)
     values = _vector(box, _pool(grid)[0])[0]
     others = [
-        found.volume, found.gci, *found.region_volumes, *found.region_shares,
-    ]  # fmt: skip
+        estimate
+        for name in _FIGURES
+        for estimate in (getattr(found, name) if name in _BY_REGION else [getattr(found, name)])
+    ]
     errors = np.array([_bound(float(v), e) for v, e in zip(values, others, strict=True)])
     quantiles = []
     own = _distribution(grid)
@@ -251,25 +285,22 @@ def _assemble(
 ) -> Estimates:
     samples = tallies.points * tallies.reachable.shape[-1]
     reachable = int(tallies.hits[0].sum())
-    regions = tallies.above.shape[-1] + 1
     one_point = float(tallies.box[0]) / samples
-    floors = np.zeros_like(values)
-    floors[0] = one_point
-    first = 2
-    floors[first : first + regions] = one_point
-    floors[first + regions :] = 1 / reachable if reachable else math.nan
-    pairs = [
-        Estimate(float(v), float(e))
-        for v, e in zip(values, np.maximum(errors, floors), strict=True)
-    ]
+    regions = tallies.above.shape[-1] + 1
+    pairs = zip(values.tolist(), errors.tolist(), strict=True)
+    found: dict[str, Any] = {}
+    for name, figure in _FIGURES.items():
+        least = figure.resolution(one_point, reachable or math.nan)
+        several = [
+            Estimate(value, float(np.maximum(error, least)))
+            for value, error in islice(pairs, regions if name in _BY_REGION else 1)
+        ]
+        found[name] = tuple(several) if name in _BY_REGION else several[0]
     return Estimates(
-        volume=pairs[0],
-        gci=pairs[1],
+        **found,
         smallest=float(tallies.smallest[0].min()) if reachable else math.nan,
         largest=float(tallies.largest[0].max()) if reachable else math.nan,
         quantiles=quantiles,
-        region_volumes=tuple(pairs[first : first + regions]),
-        region_shares=tuple(pairs[first + regions :]),
         samples=samples,
         reachable=reachable,
     )

@@ -13,7 +13,9 @@ import numpy as np
 from pmopt.analysis.kinematics import solve as kinematics
 from pmopt.analysis.kinematics.pose_rows import Rows, read_rows
 from pmopt.analysis.kinematics.solve import ForwardResult, InverseResult, JacobianResult, OutOfReach
+from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.cli import options
+from pmopt.cli.fields import option_of, options_of
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
@@ -227,16 +229,15 @@ def fk_command(
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
 @options.limits_option
-@options.jacobian_options[0]
-@options.jacobian_options[1]
-@options.jacobian_options[2]
+@option_of(WorkspaceSettings, "jacobian", "kind")
+@options_of(WorkspaceSettings, only=("characteristic_length", "norm"))
 @_out_options[0]
 @_out_options[1]
 @options.common_options
 def jacobian_command(
     mechanism: Mechanism, pose: tuple[str, ...], poses: Path | None, params: tuple[str, ...],
     working_mode: str | None, limits: tuple[str, ...], kind: Any,
-    characteristic_length: float | str | None, norm: str, out: Path | None, force: bool,
+    characteristic_length: float | str | None, norm: str | None, out: Path | None, force: bool,
     form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Jacobian, singular values, LCI and the distance to singularities at a pose, or at many.
@@ -254,7 +255,7 @@ def jacobian_command(
         mechanism,
         options.design_parameters(mechanism, params),
         mechanism.check_mode(working_mode, "--working-mode"),
-        kinematics.Index(kind, characteristic_length, norm),
+        kinematics.Index(kind, characteristic_length, norm or "2"),
         options.parse_ranges(limits, "--limits", mechanism),
     )
     if poses is None:

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from pmopt.analysis.certification.budgets import Budget
 from pmopt.analysis.certification.enclosures import Enclosure, enclose
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
-from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
+from pmopt.analysis.reads import INDEX, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.sampling.sampler import Sampler, make_sampler
-from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.settings import ClaimSettings, VolumeSettings, WorkspaceSettings
 from pmopt.analysis.workspace.emptiness import explain
 from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
@@ -62,10 +62,8 @@ _FALLING = 0.9
 _BACKWARD = 1e-11
 _INSTEAD = "nothing is sampled, and proven with a working mode, a domain and limits of joints"
 #: Of a claim about the index, and of one that no pose is singular.
-READS = Reads(
-    "certify", PLACE | INDEX | {"min_lci"}, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=_INSTEAD
-)
-VOLUME_READS = Reads("certify", PLACE | INDEX, instead=_INSTEAD)
+READS = Reads("certify", ClaimSettings, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=_INSTEAD)
+VOLUME_READS = Reads("certify", VolumeSettings, instead=_INSTEAD)
 
 
 @dataclass(frozen=True)
@@ -399,7 +397,7 @@ def _prepared(
     mechanism: Mechanism,
     params: Mapping[str, Any] | None,
     settings: WorkspaceSettings,
-    reads: Reads,
+    reads: Reads[Any],
     notify: Notify | None,
 ) -> tuple[Sampler, Design]:
     """Return a sampler and its design, settings that nothing is proven for refused."""

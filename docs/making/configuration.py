@@ -17,10 +17,9 @@ from making.figures import Figure
 from making.pages import Block, Statement
 from making.registry import maker
 from pmopt.analysis.motion.config import MotionConfig
-from pmopt.analysis.settings import Range
+from pmopt.analysis.settings import Range, WorkspaceConfig
 from pmopt.inputs.fields import LENGTH, Unit, UnitByName, UnitInWords
 from pmopt.reporting.batch.plan import BatchKeys
-from pmopt.reporting.batch.runners import WorkspaceConfig
 from pmopt.synthesis.config import RunConfig
 
 PAGE = "docs/configuration.md"

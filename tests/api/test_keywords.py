@@ -11,34 +11,27 @@ import pytest
 
 import pmopt
 from pmopt import api
-from pmopt.analysis.certification.claim import READS as CLAIM_READS
-from pmopt.analysis.certification.volume import READS as VOLUME_READS
-from pmopt.analysis.regions import sections
-from pmopt.analysis.settings import Range, WorkspaceSettings
-from pmopt.analysis.singularities import survey
+from pmopt.analysis import settings
+from pmopt.analysis.settings import Range
 from pmopt.analysis.sizing import actuators
 from pmopt.api import keywords
 from pmopt.api.keywords import Number, Point, Ranges, keywords_of
 from pmopt.inputs.fields import Unit
 
-#: Keywords of each analysis, what it reads of the settings and what it has of its own.
+#: Keywords of each analysis, its settings and what stands beside them.
 READ = {
     keywords.WorkspaceOptions: (
-        frozenset(WorkspaceSettings.model_fields), {"seed", "threads", "shape_grid", "scheduler"},
+        settings.WorkspaceSettings, {"seed", "threads", "shape_grid", "scheduler"},
     ),
-    keywords.SingularityOptions: (survey.READS.fields, {"seed", "threads", "grid"}),
-    keywords.SectionOptions: (sections.READS.fields, {"threads", "resolution"}),
-    keywords.CertifyOptions: (CLAIM_READS.fields, {"time_budget", "box_budget"}),
-    keywords.CertifyVolumeOptions: (
-        VOLUME_READS.fields, {"gap", "time_budget", "box_budget"},
-    ),
-    keywords.CapabilityWorkspace: (actuators.READS.fields, set()),
+    keywords.SingularityOptions: (settings.SingularitySettings, {"threads"}),
+    keywords.SectionOptions: (settings.SectionSettings, {"threads", "resolution"}),
+    keywords.CertifyOptions: (settings.ClaimSettings, set()),
+    keywords.CertifyVolumeOptions: (settings.VolumeSettings, set()),
+    keywords.CapabilityWorkspace: (settings.CapabilityWorkspace, set()),
+    keywords.CapabilityOptions: (settings.TaskSettings, {"threads", "workspace"}),
 }  # fmt: skip
-#: Values of a setting that an analysis does not take.
-NOT_TAKEN = {
-    keywords.SingularityOptions: survey.READS.values,
-    keywords.CapabilityWorkspace: actuators.READS.values,
-}
+#: Names of joints' rates and efforts, whose units the mechanism knows.
+BY_NAME = {"motors"}
 ANALYSES = (
     "ik", "fk", "jacobian", "mobility", "workspace", "singularities", "certify", "certify_volume",
     "capability", "motion", "simulate", "mjcf",
@@ -46,14 +39,11 @@ ANALYSES = (
 
 
 @pytest.mark.parametrize("options", READ, ids=lambda o: o.__name__)
-def test_keywords_are_what_is_read(options):
-    fields, own = READ[options]
-    angles = {f"{name}_deg" for name in fields if Unit("rad") in metadata(name)}
-    assert set(get_type_hints(options)) == fields | own | angles
-
-
-def metadata(name):
-    return WorkspaceSettings.model_fields[name].metadata
+def test_keywords_are_the_fields(options):
+    model, beside = READ[options]
+    fields = model.model_fields
+    angles = {f"{name}_deg" for name in fields if Unit("rad") in fields[name].metadata}
+    assert set(get_type_hints(options)) == set(fields) | beside | angles
 
 
 def taken(annotation, has_unit):
@@ -78,15 +68,12 @@ def taken(annotation, has_unit):
 
 @pytest.mark.parametrize("options", READ, ids=lambda o: o.__name__)
 def test_types_are_those_of_the_settings(options):
-    fields, own = READ[options]
+    model, _ = READ[options]
     hints = get_type_hints(options)
-    for name in fields - own:
-        info = WorkspaceSettings.model_fields[name]
-        expected = taken(info.annotation, any(isinstance(m, Unit) for m in metadata(name)))
-        without = NOT_TAKEN.get(options, {}).get(name, ())
-        if without:
-            expected = Literal[tuple(v for v in get_args(expected) if v not in without)]
-        assert hints[name] == expected, name
+    for name, info in model.model_fields.items():
+        if name not in BY_NAME:
+            has_unit = any(isinstance(m, Unit) for m in info.metadata)
+            assert hints[name] == taken(info.annotation, has_unit), name
 
 
 def test_sizes_of_a_task_are_keywords():

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Unpack
 from pmopt.analysis.kinematics.forward import forward_kinematics
 from pmopt.analysis.kinematics.inverse import inverse_kinematics, reached
 from pmopt.analysis.kinematics.jacobian import jacobian_at
-from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.reads import Own, Reads
+from pmopt.analysis.settings import TaskSettings, WorkspaceSettings
 from pmopt.analysis.validation import read_config, validated
 from pmopt.api.keywords import (
     CapabilityOptions,
@@ -253,8 +254,7 @@ class Design:
         from pmopt.analysis.regions.sections import READS, section_fields
         from pmopt.analysis.sampling.sampler import make_sampler
 
-        settings = self._settings(options, "sections", ("threads", "resolution"))
-        READS.check(settings)
+        settings = self._read(READS, options, ("threads", "resolution")).of_workspace()
         resolution = options.get("resolution", 400)
         if not 2 <= resolution <= _FINEST:
             raise InputError(
@@ -279,17 +279,18 @@ class Design:
     @named
     def singularities(self, **options: Unpack[SingularityOptions]) -> SingularityResult:
         """Map the singularities over the workspace, see :func:`pmopt.singularities`."""
-        from pmopt.analysis.singularities.survey import find_singularities
+        from pmopt.analysis.singularities.survey import READS, find_singularities
         from pmopt.api.results.singularities import SingularityResult
 
-        settings = self._settings(options, "singularities", ("seed", "threads", "grid"))
+        asked = self._read(READS, options, ("threads",))
+        settings = asked.of_workspace()
         found = find_singularities(
             self.mechanism,
             self.parameters,
             settings,
-            seed=options.get("seed", 1),
+            seed=asked.seed,
             threads=options.get("threads"),
-            grid=options.get("grid"),
+            grid=asked.grid,
         )
         return SingularityResult.of(
             found, design=self, settings=settings, threads=options.get("threads")
@@ -298,55 +299,61 @@ class Design:
     @named
     def certify(self, **options: Unpack[CertifyOptions]) -> Claim:
         """Prove or refute a claim about the poses of a box, see :func:`pmopt.certify`."""
-        from pmopt.analysis.certification.claim import certify_claim
+        from pmopt.analysis.certification.claim import READS, certify_claim
         from pmopt.api.results.certification import Claim
 
-        settings = self._settings(options, "certify", ("time_budget", "box_budget"))
+        asked = self._read(READS, options)
+        settings = asked.of_workspace()
         found = certify_claim(
             self.mechanism,
             self.parameters,
             settings,
-            time_budget=options.get("time_budget", 30.0),
-            box_budget=options.get("box_budget"),
+            time_budget=asked.time_budget if "time_budget" in options else 30.0,
+            box_budget=asked.box_budget,
         )
         return Claim.of(found, design=self, settings=settings)
 
     @named
     def certify_volume(self, **options: Unpack[CertifyVolumeOptions]) -> CertifiedVolume:
         """Enclose the volume between guaranteed bounds, see :func:`pmopt.certify_volume`."""
-        from pmopt.analysis.certification.volume import certify_volume
+        from pmopt.analysis.certification.volume import READS, certify_volume
         from pmopt.api.results.certification import CertifiedVolume
 
-        settings = self._settings(options, "certify", ("gap", "time_budget", "box_budget"))
+        asked = self._read(READS, options)
+        settings = asked.of_workspace()
         found = certify_volume(
             self.mechanism,
             self.parameters,
             settings,
-            gap=options.get("gap", 1e-2),
-            time_budget=options.get("time_budget"),
-            box_budget=options.get("box_budget"),
+            gap=asked.gap,
+            time_budget=asked.time_budget,
+            box_budget=asked.box_budget,
         )
         return CertifiedVolume.of(found, design=self, settings=settings)
 
     @named
     def capability(self, **options: Unpack[CapabilityOptions]) -> Capability:
         """Sample what a task asks of the motors, see :func:`pmopt.capability`."""
-        from pmopt.analysis.sizing.actuators import SIZES, Task, check_limits, check_payload
+        from pmopt.analysis.sizing import actuators
         from pmopt.analysis.workspace.emptiness import require_reachable
         from pmopt.api.results.sizing import Capability
         from pmopt.mechanisms.bodies import point_mass
         from pmopt.reporting.runs.capability_run import CapabilityTask, compute
 
-        payload = options.get("payload", 0.0)
-        centre = options.get("payload_centre", (0.0, 0.0, 0.0))
-        check_payload(payload, centre, "capability: payload_centre")
-        load = point_mass(payload, centre) if payload else None
-        settings = self._settings(options.get("workspace") or {}, "capability: workspace", ())
-        sizes: dict[str, Any] = {name: options[name] for name in SIZES if name in options}  # type: ignore[literal-required]
-        motors = check_limits(self.mechanism, options.get("motors") or {}, "capability")
+        given = settings_of(options, ("threads", "workspace"))
+        given = {name: value for name, value in given.items() if (name, value) != ("motors", None)}
+        task = validated(TaskSettings, given, "capability", self.mechanism.units)
+        actuators.check_payload(task.payload, task.payload_centre, "capability: payload_centre")
+        load = point_mass(task.payload, task.payload_centre) if task.payload else None
+        poses = settings_of(options.get("workspace") or {}, ())
+        settings = actuators.READS.settings(
+            poses, "capability: workspace", self.mechanism.units
+        ).of_workspace()
+        sizes = {name: getattr(task, name) for name in actuators.SIZES}
         asked = CapabilityTask(
-            self.mechanism, self.parameters, settings, Task(**sizes, payload=load), motors,
-            options.get("samples", 1 << 16), options.get("seed", 1),
+            self.mechanism, self.parameters, settings, actuators.Task(**sizes, payload=load),
+            actuators.check_limits(self.mechanism, task.motors, "capability"), task.samples,
+            task.seed,
         )  # fmt: skip
         result = compute(asked, options.get("threads"))
         require_reachable(
@@ -424,6 +431,12 @@ class Design:
     ) -> WorkspaceSettings:
         given = settings_of(options, own)
         return validated(WorkspaceSettings, given, where, self.mechanism.units)
+
+    def _read(
+        self, reads: Reads[Own], options: Mapping[str, Any], beside: tuple[str, ...] = ()
+    ) -> Own:
+        """Return an analysis's settings, of all keywords but those beside them."""
+        return reads.settings(settings_of(options, beside), reads.analysis, self.mechanism.units)
 
     def _motion_task(self, config: Mapping[str, object] | str | Path) -> MotionTask:
         from pmopt.analysis.motion.config import resolve_motion

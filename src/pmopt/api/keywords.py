@@ -1,8 +1,9 @@
 """The keywords of each analysis: what it reads and nothing else, for people, editors and mypy.
 
 A name that is not among them is a type error and, at run time, one line with the nearest name.
-Their fields and types are those of :class:`pmopt.analysis.settings.WorkspaceSettings`, and which of
-them an analysis has is declared beside it (``READS``); tests hold them together.
+Their names and types are those of the fields of the analysis's settings
+(:mod:`pmopt.analysis.settings`): a type checker needs them written out, and tests hold the two
+together.
 """
 
 from __future__ import annotations
@@ -109,7 +110,7 @@ class SingularityOptions(_Place, _Index, _Checks, total=False):
 class CertifyOptions(_Place, _Index, total=False):
     """Keywords of :func:`pmopt.certify`: budgets in seconds (default 30) and boxes."""
 
-    time_budget: float | None
+    time_budget: Number | None
     box_budget: int | None
     min_lci: Number
 
@@ -117,8 +118,8 @@ class CertifyOptions(_Place, _Index, total=False):
 class CertifyVolumeOptions(_Place, _Index, total=False):
     """Keywords of :func:`pmopt.certify_volume`: relative gap, budgets in seconds and boxes."""
 
-    gap: float
-    time_budget: float | None
+    gap: Number
+    time_budget: Number | None
     box_budget: int | None
 
 
@@ -137,22 +138,22 @@ class CapabilityOptions(TypedDict, total=False):
     to be done, see :class:`pmopt.analysis.sizing.actuators.Task`.
     """
 
-    motors: Mapping[str, float] | None
-    payload: float
-    payload_centre: Sequence[float]
+    motors: Mapping[str, Number] | None
+    payload: Number
+    payload_centre: Point
     samples: int
     seed: int
     threads: int | None
     workspace: CapabilityWorkspace | None
-    speed: float
-    acceleration: float
-    turn: float
-    angular_acceleration: float
-    force: float
-    point_speed: float
-    point_acceleration: float
-    rotation_speed: float
-    rotation_acceleration: float
+    speed: Number
+    acceleration: Number
+    turn: Number
+    angular_acceleration: Number
+    force: Number
+    point_speed: Number
+    point_acceleration: Number
+    rotation_speed: Number
+    rotation_acceleration: Number
 
 
 class JacobianOptions(TypedDict, total=False):

@@ -7,7 +7,9 @@ from typing import Any
 
 import click
 
+from pmopt.analysis.settings import ClaimSettings
 from pmopt.cli import options
+from pmopt.cli.fields import Sectioned, given_options, options_of
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InfeasibleError
 from pmopt.mechanisms import Mechanism
@@ -15,42 +17,15 @@ from pmopt.mechanisms import Mechanism
 EXIT_UNVERIFIED = 4
 
 
-@click.command("certify")
+@click.command("certify", cls=Sectioned)
 @options.mechanism_argument
 @options.params_option
-@click.option(
-    "--domain",
-    multiple=True,
-    metavar="COORD=LOWER:UPPER,..",
-    help="The box: bounds on pose coordinates. Default: the whole workspace.",
-)
-@click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
-@click.option(
-    "--min-lci",
-    type=options.Quantity("1"),
-    metavar="X",
-    help="Claim LCI >= X at every reachable pose. Default: the claim that none is singular.",
-)
-@click.option("--working-mode", metavar="MODE", help="See pmopt info MECH. Default: its first.")
-@options.jacobian_options[0]
-@options.jacobian_options[1]
-@options.jacobian_options[2]
-@click.option(
-    "--time-budget",
-    type=options.Quantity("s"),
-    metavar="SECONDS",
-    help="Work after which the claim is left undecided, compilation not counted. Default: 30 s, "
-    "none with --box-budget.",
-)
-@options.box_budget_option
+@options_of(ClaimSettings)
 @options.out_options
 @options.common_options
 def certify_command(
-    mechanism: Mechanism, params: tuple[str, ...], domain: tuple[str, ...],
-    limits: tuple[str, ...], min_lci: float | None, working_mode: str | None, kind: str | None,
-    characteristic_length: float | str | None, norm: str, time_budget: float | None,
-    box_budget: int | None,
-    out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
+    mechanism: Mechanism, params: tuple[str, ...], out: Path | None, force: bool, form: str,
+    quiet: bool, debug: bool, **values: Any,
 ) -> int:  # fmt: skip
     """Prove or refute that no reachable pose of a box is singular, or that each has LCI >= X.
 
@@ -61,28 +36,18 @@ def certify_command(
     Example:
       pmopt certify 2pauu-ppap --domain x=-0.1:0.1,y=-0.1:0.1,z=1.3:1.5 --min-lci 0.2
     """
-    from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.validation import validated
+    from pmopt.analysis.certification.claim import READS
     from pmopt.reporting.runs import certify_run
 
-    given: dict[str, Any] = {
-        "working_mode": working_mode,
-        "norm": norm,
-        "jacobian": kind,
-        "characteristic_length": characteristic_length,
-        "min_lci": min_lci,
-        "domain": options.parse_ranges(domain, "--domain", mechanism),
-        "limits": options.parse_ranges(limits, "--limits", mechanism),
-    }
-    settings = validated(
-        WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "certify"
-    )
+    settings = READS.settings(given_options(ClaimSettings, values, mechanism), "certify")
     notify = notifier(quiet)
+    time_budget, box_budget = settings.time_budget, settings.box_budget
     if time_budget is None and box_budget is None:
         time_budget = certify_run.DEFAULT_SECONDS
     budgets = certify_run.Budgets(time_budget, box_budget)
     result = certify_run.run_claim(
-        mechanism, options.design_parameters(mechanism, params), settings, budgets, out,
+        mechanism, options.design_parameters(mechanism, params), settings.of_workspace(), budgets,
+        out,
         force=force, notify=notify,
     )  # fmt: skip
     emit(

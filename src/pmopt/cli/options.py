@@ -227,17 +227,6 @@ seed_option = click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), default=1, show_default=True,
     help="Seed of everything random.",
 )  # fmt: skip
-jacobian_options = (
-    click.option("--jacobian", "kind", type=click.Choice(["raw", "homogenized"]),
-                 help="Jacobian the index is of. Default: the mechanism's own."),
-    click.option("--characteristic-length", type=Quantity(LENGTH, "optimal"),
-                 metavar="X|optimal",
-                 help="Length that makes the Jacobian homogeneous. Default: the mechanism's own; "
-                 "optimal: the one with the best index."),
-    click.option("--norm", type=click.Choice(["2", "fro"]), default="2", show_default=True,
-                 help="Norm of the condition number: smallest over largest singular value, or "
-                 "Frobenius."),
-)  # fmt: skip
 
 
 def out_options(function: Function) -> Function:

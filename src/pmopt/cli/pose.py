@@ -19,7 +19,9 @@ from pmopt.analysis.kinematics.inverse import (
 )
 from pmopt.analysis.kinematics.jacobian import Index, JacobianResult, Jacobians
 from pmopt.analysis.kinematics.pose_rows import Rows, read_rows
+from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.cli import options
+from pmopt.cli.fields import option_of, options_of
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
@@ -231,16 +233,15 @@ def fk_command(
 @options.params_option
 @click.option("--working-mode", help="Default: the mechanism's first.")
 @options.limits_option
-@options.jacobian_options[0]
-@options.jacobian_options[1]
-@options.jacobian_options[2]
+@option_of(WorkspaceSettings, "jacobian", "kind")
+@options_of(WorkspaceSettings, only=("characteristic_length", "norm"))
 @_out_options[0]
 @_out_options[1]
 @options.common_options
 def jacobian_command(
     mechanism: Mechanism, pose: tuple[str, ...], poses: Path | None, params: tuple[str, ...],
     working_mode: str | None, limits: tuple[str, ...], kind: Any,
-    characteristic_length: float | str | None, norm: str, out: Path | None, force: bool,
+    characteristic_length: float | str | None, norm: str | None, out: Path | None, force: bool,
     form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
     """Jacobian, singular values, LCI and the distance to singularities at a pose, or at many.
@@ -258,7 +259,7 @@ def jacobian_command(
         mechanism,
         options.design_parameters(mechanism, params),
         mechanism.check_mode(working_mode, "--working-mode"),
-        Index(kind, characteristic_length, norm),
+        Index(kind, characteristic_length, norm or "2"),
         options.parse_ranges(limits, "--limits", mechanism),
     )
     if poses is None:

@@ -7,38 +7,18 @@ from typing import Any
 
 import click
 
+from pmopt.analysis.settings import DEFAULT_SEED, SingularitySettings
 from pmopt.cli import options
+from pmopt.cli.fields import Sectioned, given_options, options_of
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
 
 
-@click.command("singularities")
+@click.command("singularities", cls=Sectioned)
 @options.mechanism_argument
 @options.params_option
-@click.option(
-    "--samples",
-    type=options.Count(),
-    metavar="N",
-    help="Sample points behind the volumes of aspects. Default: 262144.",
-)
-@click.option(
-    "--grid",
-    type=click.IntRange(4, 400),
-    metavar="N",
-    help="Cells an axis on which aspects are told apart.",
-)
-@options.seed_option
-@click.option("--working-mode", metavar="MODE", help="See pmopt info MECH. Default: its first.")
-@options.jacobian_options[0]
-@options.jacobian_options[1]
-@click.option(
-    "--domain",
-    multiple=True,
-    metavar="COORD=LOWER:UPPER,..",
-    help="Bounds on pose coordinates; inf is allowed.",
-)
-@click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
+@options_of(SingularitySettings)
 @click.option(
     "--path",
     type=options.Place(),
@@ -50,10 +30,8 @@ from pmopt.mechanisms import Mechanism
 @options.out_options
 @options.common_options
 def singularities_command(
-    mechanism: Mechanism, params: tuple[str, ...], samples: int | None, grid: int | None, seed: int,
-    working_mode: str | None, kind: str | None, characteristic_length: float | str | None,
-    domain: tuple[str, ...], limits: tuple[str, ...], path: Path | None, threads: int | None,
-    out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
+    mechanism: Mechanism, params: tuple[str, ...], path: Path | None, threads: int | None,
+    out: Path | None, force: bool, form: str, quiet: bool, debug: bool, **values: Any,
 ) -> None:  # fmt: skip
     """Singularities over a workspace: families, walls around home, aspects and their volumes.
 
@@ -61,35 +39,23 @@ def singularities_command(
     Example:
       pmopt singularities 3-ups-sp --params kite=0.6,twist=0.6
     """
-    from pmopt.analysis.settings import WorkspaceSettings
-    from pmopt.analysis.validation import validated
-    from pmopt.analysis.workspace.compute import DEFAULT_SEED
+    from pmopt.analysis.singularities.survey import READS
     from pmopt.reporting.runs import singularity_run
     from pmopt.reporting.runs.tasks import WorkspaceTask
 
-    given: dict[str, Any] = {
-        "samples": samples,
-        "working_mode": working_mode,
-        "jacobian": kind,
-        "characteristic_length": characteristic_length,
-        "domain": options.parse_ranges(domain, "--domain", mechanism),
-        "limits": options.parse_ranges(limits, "--limits", mechanism),
-    }
+    given = given_options(SingularitySettings, values, mechanism)
     if path is not None:
-        unused = {"samples": samples, "grid": grid, "domain": domain, "limits": limits, "out": out,
-                  "seed": seed - DEFAULT_SEED,
-                  "jacobian": kind, "characteristic-length": characteristic_length}  # fmt: skip
-        for name, value in unused.items():
-            if value:
-                raise InputError(f"--{name}: not together with --path")
-        _follow(path, mechanism, params, working_mode, form, quiet)
+        unused = {k: v for k, v in given.items() if (k, v) != ("seed", DEFAULT_SEED)}
+        for name in (*unused, *(["out"] if out else [])):
+            if name != "working_mode":
+                raise InputError(f"--{name.replace('_', '-')}: not together with --path")
+        _follow(path, mechanism, params, given.get("working_mode"), form, quiet)
         return
-    settings = validated(
-        WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "singularities"
-    )
+    settings = READS.settings(given, "singularities")
     task = WorkspaceTask(
-        mechanism, options.design_parameters(mechanism, params), settings, seed, grid or 0
-    )
+        mechanism, options.design_parameters(mechanism, params), settings.of_workspace(),
+        settings.seed, settings.grid or 0,
+    )  # fmt: skip
     notify = notifier(quiet)
     result = singularity_run.run_singularities(
         task, out, force=force, threads=threads, notify=notify

@@ -3,130 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from pmopt.analysis.settings import (
+    DEFAULT_SEED,
+    SAMPLING,
+    VolumeSettings,
+    WorkspaceConfig,
+    WorkspaceSettings,
+)
 from pmopt.cli import options
+from pmopt.cli.fields import Sectioned, given_options, option_name, options_of
 from pmopt.cli.output import emit, notifier, progress_bar
 from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism
 from pmopt.mechanisms.mechanism import Parameters
 
-if TYPE_CHECKING:
-    from pmopt.analysis.settings import WorkspaceSettings
+#: Of guaranteed bounds, what is no setting of the workspace.
+_PROOF = ("gap", "time_budget", "box_budget")
 
 
-@click.command("workspace")
+@click.command("workspace", cls=Sectioned)
 @options.mechanism_argument
 @options.params_option
-@click.option(
-    "--samples",
-    type=options.Count(),
-    metavar="N",
-    help="Sample points, all replicates together. Default: 4194304.",
-)
-@click.option(
-    "--sampler",
-    type=click.Choice(["r-sequence", "sobol", "monte-carlo", "lines"]),
-    help="Default: r-sequence. lines: exact along one coordinate, where a mechanism offers it.",
-)
-@click.option(
-    "--replicates",
-    type=options.Count(),
-    metavar="N",
-    help="Independent randomisations behind the error estimates. Default: about 16; 32 with "
-    "--target-error.",
-)
-@click.option(
-    "--grid",
-    type=int,
-    metavar="N",
-    help="Midpoint grid of N cells an axis instead; errors are bounds, by as many samples.",
-)
-@click.option(
-    "--target-error",
-    type=options.Quantity("1"),
-    metavar="X",
-    help="Sample until volume and GCI have this relative standard error.",
-)
-@options.seed_option
-@click.option("--working-mode", metavar="MODE", help="See pmopt info MECH. Default: its first.")
-@options.jacobian_options[0]
-@options.jacobian_options[1]
-@options.jacobian_options[2]
-@click.option(
-    "--min-lci",
-    type=options.Quantity("1"),
-    metavar="X",
-    help="Poses with a smaller LCI do not count.",
-)
-@click.option(
-    "--regions", metavar="0,..,1", help="Edges of the dexterity regions. Default: 0,0.1,0.3,1."
-)
-@click.option(
-    "--domain",
-    multiple=True,
-    metavar="COORD=LOWER:UPPER,..",
-    help="Bounds on pose coordinates; inf is allowed.",
-)
-@click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..", help="Bounds on joints.")
-@click.option(
-    "--aspect",
-    type=click.Choice(["home"]),
-    help="Count only the singularity-free region around the home pose.",
-)
-@click.option(
-    "--block",
-    type=click.Choice(["translational", "rotational"]),
-    help="Index of the Jacobian's rows for lengths or for angles alone.",
-)
-@click.option(
-    "--link-diameter",
-    type=options.Quantity("length"),
-    metavar="X",
-    help="Links (limbs and cranks, joint to joint) are capsules of this diameter that must not "
-    "meet those of other limbs.",
-)
-@click.option(
-    "--platform-diameter",
-    type=options.Quantity("length"),
-    metavar="X",
-    help="Of the platform's spokes, centre to limb, and the tool; default: the links'.",
-)
-@click.option(
-    "--cone-angle",
-    type=options.Quantity("rad"),
-    metavar="RAD",
-    help="Largest angle of the link at passive U and S joints from its direction at home, seen "
-    "from base or platform.",
-)
-@click.option(
-    "--tool",
-    metavar="X,Y,Z",
-    help="Tool point in the platform's frame; --limits may then bound tool_x, ..",
-)
-@click.option(
-    "--shape-grid",
-    type=click.IntRange(0, 1000),
-    metavar="N",
-    help="Cells an axis on which pieces and voids are counted; 0: not at all. Default: 96 with "
-    "three coordinates, 28 with four, 14 with five.",
-)
-@click.option(
-    "--certify",
-    type=options.Quantity("1"),
-    metavar="GAP",
-    help="Guaranteed bounds of the volume, GAP of it apart, and of the least and largest LCI "
-    "instead of samples.",
-)
-@click.option(
-    "--time-budget",
-    type=options.Quantity("s"),
-    metavar="SECONDS",
-    help="With --certify: stop with the bounds so far; compilation does not count.",
-)
-@options.box_budget_option
+@options_of(WorkspaceSettings)
+@options_of(WorkspaceConfig, only=("seed", "shape_grid"))
+@options_of(VolumeSettings, only=_PROOF)
 @options.threads_option
 @options.scheduler_option
 @options.out_options
@@ -134,18 +38,9 @@ if TYPE_CHECKING:
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
 @options.common_options
 def workspace_command(
-    mechanism: Mechanism, params: tuple[str, ...], samples: int | None, sampler: str | None,
-    replicates: int | None, grid: int | None, target_error: float | None, seed: int,
-    working_mode: str | None, kind: str | None, characteristic_length: float | str | None,
-    norm: str, min_lci: float | None, regions: str | None, domain: tuple[str, ...],
-    limits: tuple[str, ...],
-    aspect: str | None, block: str | None, link_diameter: float | None,
-    platform_diameter: float | None,
-    cone_angle: float | None, tool: str | None, shape_grid: int | None,
-    certify: float | None, time_budget: float | None, box_budget: int | None,
-    threads: int | None, scheduler: str | None,
+    mechanism: Mechanism, params: tuple[str, ...], threads: int | None, scheduler: str | None,
     out: Path | None, force: bool, resume: bool, dry_run: bool, form: str, quiet: bool,
-    debug: bool,
+    debug: bool, **values: Any,
 ) -> None:  # fmt: skip
     """Volume, dexterity (LCI, GCI, regions) and shape of a workspace, each with its error.
 
@@ -153,65 +48,40 @@ def workspace_command(
     Example:
       pmopt workspace 2pauu-ppap --params m=1,n=0.7,l1=0.65,l2=1.5,c=0.1
     """
-    from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.analysis.validation import validated
-    from pmopt.analysis.workspace.compute import DEFAULT_SEED
     from pmopt.analysis.workspace.shape import DEFAULT_GRIDS, check_cells
     from pmopt.execution.cluster import connect
     from pmopt.reporting.runs import workspace_run
     from pmopt.reporting.runs.tasks import WorkspaceTask
     from pmopt.reporting.tables.workspace import workspace_data, workspace_tables
 
-    given: dict[str, Any] = {
-        "samples": samples,
-        "sampler": sampler,
-        "replicates": replicates,
-        "grid": grid,
-        "target_error": target_error,
-        "working_mode": working_mode,
-        "norm": norm,
-        "jacobian": kind,
-        "characteristic_length": characteristic_length,
-        "min_lci": min_lci,
-        "regions": None if regions is None else options.parse_edges(regions),
-        "domain": options.parse_ranges(domain, "--domain", mechanism),
-        "limits": options.parse_ranges(limits, "--limits", mechanism),
-        "aspect": aspect,
-        "block": block,
-        "link_diameter": link_diameter,
-        "platform_diameter": platform_diameter,
-        "cone_angle": cone_angle,
-        "tool": None
-        if tool is None
-        else options.parse_point(tool, "--tool", mechanism.length_unit),
-    }
-    settings = validated(
-        WorkspaceSettings, {k: v for k, v in given.items() if v is not None}, "workspace"
-    )
-    if certify is not None:
-        unused = {"samples": samples, "sampler": sampler, "replicates": replicates, "grid": grid,
-                  "seed": None if seed == DEFAULT_SEED else seed,
-                  "target-error": target_error, "regions": regions, "shape-grid": shape_grid,
-                  "dry-run": dry_run or None, "resume": resume or None,
-                  "scheduler": scheduler}  # fmt: skip
-        for name, value in unused.items():
-            if value is not None:
-                raise InputError(f"--{name}: not together with --certify, which samples nothing")
+    given = given_options(WorkspaceSettings, values, mechanism)
+    own = given_options(WorkspaceConfig, values, mechanism)
+    proof = given_options(VolumeSettings, {k: values[k] for k in _PROOF}, mechanism)
+    settings = validated(WorkspaceSettings, given, "workspace")
+    if "gap" in proof:
+        sampled = [k for k, f in WorkspaceSettings.model_fields.items() if SAMPLING in f.metadata]
+        unused = {k: given[k] for k in (*sampled, "regions") if k in given}
+        unused |= {k: v for k, v in own.items() if (k, v) != ("seed", DEFAULT_SEED)}
+        unused |= {k: v for k, v in (("dry_run", dry_run), ("resume", resume),
+                                     ("scheduler", scheduler)) if v}  # fmt: skip
+        for name in unused:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(f"{option}: not together with --certify, which samples nothing")
         _certify(
-            mechanism, options.design_parameters(mechanism, params), settings, certify,
-            (time_budget, box_budget), out, force, form, quiet,
+            mechanism, options.design_parameters(mechanism, params), settings, proof["gap"],
+            (proof.get("time_budget"), proof.get("box_budget")), out, force, form, quiet,
         )  # fmt: skip
         return
-    for name, value in {"time-budget": time_budget, "box-budget": box_budget}.items():
-        if value is not None:
-            raise InputError(f"--{name}: only together with --certify")
-    dimension = len(mechanism.pose)
+    for name in proof:
+        raise InputError(f"{option_name(VolumeSettings, name)}: only together with --certify")
+    dimension, shape_grid = len(mechanism.pose), own.get("shape_grid")
     cells = DEFAULT_GRIDS[dimension] if shape_grid is None else shape_grid
     task = WorkspaceTask(
         mechanism,
         options.design_parameters(mechanism, params),
         settings,
-        seed,
+        own.get("seed", DEFAULT_SEED),
         check_cells(cells, dimension, "--shape-grid"),
     )
     notify = notifier(quiet)

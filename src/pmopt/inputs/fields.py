@@ -48,6 +48,32 @@ class UnitByName:
 
 
 @dataclass(frozen=True)
+class Group:
+    """What a field is about: fields of one group stand together in the help of a command."""
+
+    title: str
+
+
+@dataclass(frozen=True)
+class OnCommandLine:
+    """How the option of a field is called, where its own name and type do not say it best.
+
+    Attributes
+    ----------
+    name : str
+        Without dashes before it; default: the field's, with dashes between words.
+    metavar : str
+        What stands for the value in the help.
+    default : bool
+        Whether the field's default is that of the option too: what is not asked for has none.
+    """
+
+    name: str = ""
+    metavar: str = ""
+    default: bool = True
+
+
+@dataclass(frozen=True)
 class Units:
     """What the units of a configuration depend on: its mechanism.
 

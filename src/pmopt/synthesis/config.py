@@ -11,7 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.sampling.design_space import TOOL
 from pmopt.analysis.settings import (
+    MAX_SAMPLES,
     MECHANISM_KEY,
+    SAMPLING,
     FiniteFloat,
     WorkspaceSettings,
     named_mechanism,
@@ -98,6 +100,16 @@ class FinalSettings(BaseModel):
     )  # fmt: skip
 
 
+class SearchWorkspace(WorkspaceSettings):
+    """The ``[workspace]`` table of a search, which may leave the number of samples to it."""
+
+    samples: Annotated[int | None, SAMPLING] = Field(
+        default=None, ge=16, le=MAX_SAMPLES,
+        description='Sample points, over all replicates. Default: `"adaptive"`, which doubles them '
+        "when the front has stalled",
+    )  # fmt: skip
+
+
 class RunConfig(BaseModel):
     """A validated, frozen configuration; see :func:`load_config`."""
 
@@ -114,8 +126,8 @@ class RunConfig(BaseModel):
         description="Design parameters by name: a range `[lower, upper]` is searched, a number is "
         "fixed. Default: the mechanism's own bounds; `pmopt info` lists them with their units",
     )
-    workspace: WorkspaceSettings = Field(
-        default_factory=WorkspaceSettings,
+    workspace: SearchWorkspace = Field(
+        default_factory=SearchWorkspace,
         description="How each design's workspace is sampled and its dexterity measured",
     )
     algorithm: AlgorithmSettings = Field(
@@ -204,7 +216,7 @@ def resolve_config(data: Any, where: str) -> RunConfig:
     space = {"projected_volume"} & {*config.objectives, *config.constraints}
     needs = (f"{TOOL_NEEDS[0]}, or projected_volume", TOOL_NEEDS[1])
     Reads(
-        f"{where}: workspace", frozenset(WorkspaceSettings.model_fields),
+        f"{where}: workspace", WorkspaceSettings,
         {} if space else {"tool": needs},
     ).check(workspace)  # fmt: skip
     workspace = workspace.model_copy(

@@ -54,7 +54,7 @@ def prepared(
     mechanism: Mechanism,
     params: Mapping[str, Any] | None,
     settings: WorkspaceSettings,
-    reads: Reads,
+    reads: Reads[Any],
     notify: Notify | None,
 ) -> tuple[Sampler, Design]:
     """Return a sampler and its design, settings that nothing is proven for refused."""

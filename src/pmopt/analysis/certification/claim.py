@@ -28,11 +28,11 @@ from pmopt.analysis.certification.budgets import Budget
 from pmopt.analysis.certification.enclosing import enclose
 from pmopt.analysis.certification.proven_matrices import index_bounds, proven_signs, regular
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
-from pmopt.analysis.reads import INDEX, PLACE, WITH_MIN_LCI, Reads
+from pmopt.analysis.reads import INDEX, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.evaluator import Notify
-from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.settings import ClaimSettings, WorkspaceSettings
 from pmopt.analysis.workspace.emptiness import explain
 from pmopt.mechanisms.mechanism import Mechanism
 from pmopt.units import ONE, exact
@@ -41,9 +41,7 @@ Array = NDArray[np.float64]
 Verdict = Literal["proven", "refuted", "undecided", "empty"]
 Ended = Literal["proven", "witness", "time budget", "box budget", "boxes", "edge"]
 #: Of a claim about the index, and of one that no pose is singular.
-READS = Reads(
-    "certify", PLACE | INDEX | {"min_lci"}, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=INSTEAD
-)
+READS = Reads("certify", ClaimSettings, dict.fromkeys(INDEX, WITH_MIN_LCI), instead=INSTEAD)
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,10 @@ from pmopt.analysis.certification.certified_index import IndexBounds
 from pmopt.analysis.certification.enclosing import enclose
 from pmopt.analysis.certification.enclosures import Enclosure
 from pmopt.analysis.kinematics.index_units import entry_units, index_note
-from pmopt.analysis.reads import INDEX, PLACE, Reads
+from pmopt.analysis.reads import Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.evaluator import Notify
-from pmopt.analysis.settings import WorkspaceSettings
+from pmopt.analysis.settings import VolumeSettings, WorkspaceSettings
 from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
@@ -55,7 +55,7 @@ _GROUP = 256
 _COVER = 0.2
 #: While it falls so fast boxes wait.
 _FALLING = 0.9
-READS = Reads("certify", PLACE | INDEX, instead=INSTEAD)
+READS = Reads("certify", VolumeSettings, instead=INSTEAD)
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
+from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.regions.surface import surface_nets
 from pmopt.analysis.sampling.aspects import determinants
 from pmopt.analysis.sampling.cells import lattice_points
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.sampler import Sampler
+from pmopt.analysis.settings import SectionSettings
 from pmopt.analysis.workspace.projection import reached_positions
 
 Measure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -26,9 +27,7 @@ _LOCATE = 97
 _CLOSER, _MOST_CLOSER = 0.3, 3
 _MOST_SECTIONS = 6
 #: Settings that change a section: nothing is sampled.
-READS = Reads(
-    "sections", PLACE | INDEX | CHECKS | {"min_lci", "aspect", "block"}, {"tool": TOOL_NEEDS}
-)
+READS = Reads("sections", SectionSettings, {"tool": TOOL_NEEDS})
 #: A workspace counts as symmetric if mirrored areas differ by less than this share of it.
 _SYMMETRIC = 0.02
 #: A section shows something if it has at least this share of the largest section's area.

@@ -18,7 +18,7 @@ import numpy as np
 from pmopt.analysis.kinematics.conditioning import homogenize
 from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
 from pmopt.analysis.kinematics.limits import of_limb
-from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
+from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.aspects import AspectMap, determinants, map_aspects
 from pmopt.analysis.sampling.design_space import Design
@@ -26,7 +26,7 @@ from pmopt.analysis.sampling.estimates import Estimate
 from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.sampling.warmup import warm_up
-from pmopt.analysis.settings import WorkspaceSettings, split_samples
+from pmopt.analysis.settings import SingularitySettings, WorkspaceSettings, split_samples
 from pmopt.analysis.singularities.families import Family, find_families
 from pmopt.analysis.singularities.touching import least_along
 from pmopt.analysis.workspace.emptiness import nothing_reachable, require_reachable
@@ -39,9 +39,8 @@ DEFAULT_SAMPLES = 1 << 18
 #: Settings that change what is found; its own grid is that of the aspects.
 READS = Reads(
     "singularities",
-    PLACE | INDEX | CHECKS | {"min_lci", "sampler", "samples", "replicates"},
+    SingularitySettings,
     {"tool": TOOL_NEEDS},
-    {"sampler": ("lines",)},
 )
 #: Aspects of less than this share of the workspace are specks of the grid.
 _SPECK = 1e-3

@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.motion.dynamics import Mover, angular_motion
-from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, WITH_MIN_LCI, Reads
+from pmopt.analysis.reads import INDEX, TOOL_NEEDS, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.estimates import Estimate
 from pmopt.analysis.sampling.sampler import make_sampler
-from pmopt.analysis.settings import MAX_SAMPLES, WorkspaceSettings
+from pmopt.analysis.settings import MAX_SAMPLES, CapabilityWorkspace, WorkspaceSettings
 from pmopt.analysis.sizing.twists import Motions
 from pmopt.analysis.workspace.projection import reachable_poses, replicate
 from pmopt.errors import InputError, unknown_name
@@ -62,9 +62,8 @@ _LOWEST = (1023 - 40) << _BITS
 #: Settings of the workspace that change what is found.
 READS = Reads(
     "capability",
-    PLACE | INDEX | CHECKS | {"min_lci", "sampler"},
+    CapabilityWorkspace,
     {"tool": TOOL_NEEDS, **dict.fromkeys(INDEX, WITH_MIN_LCI)},
-    {"sampler": ("lines",)},
     "samples, seed and threads stand beside the settings",
 )
 

@@ -40,8 +40,6 @@ from pmopt.units import ONE, measure_unit, unit_of
 if TYPE_CHECKING:
     pass
 
-DEFAULT_SEED = 1
-
 
 @dataclass(frozen=True)
 class Region:
@@ -291,7 +289,7 @@ def check_read(settings: WorkspaceSettings, shape_grid: int) -> None:
     """
     if shape_grid > 0:
         return
-    Reads("workspace", frozenset(type(settings).model_fields), {
+    Reads("workspace", WorkspaceSettings, {
         "tool": (f"{TOOL_NEEDS[0]}, or with shape_grid > 0", tool_is_read),
     }).check(settings)  # fmt: skip
 

@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
-
 from pmopt.analysis.certification.budgets import Clock
 from pmopt.analysis.motion.config import MotionTask, resolve_motion
 from pmopt.analysis.sampling.evaluator import Evaluator, Notify
 from pmopt.analysis.sampling.sampler import make_sampler
-from pmopt.analysis.settings import MECHANISM_KEY, WorkspaceSettings, named_mechanism
+from pmopt.analysis.settings import WorkspaceConfig, named_mechanism
 from pmopt.analysis.validation import validated
 from pmopt.analysis.workspace.compute import check_read
 from pmopt.analysis.workspace.shape import DEFAULT_GRIDS, check_cells
@@ -281,29 +279,6 @@ class ParetoRunner(Runner):
     def done(self, folder: Path) -> float | None:
         """Return the share of generations on disk."""
         return CheckpointFolder.count(folder) / self.config.algorithm.generations
-
-
-class WorkspaceConfig(BaseModel):
-    """A configuration with ``command = "workspace"``: the options of ``pmopt workspace``."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-    mechanism: str = Field(description=MECHANISM_KEY)
-    parameters: dict[str, Any] = Field(
-        default_factory=dict,
-        description="Design parameters by name, numbers. Default: the mechanism's own; "
-        "`pmopt info` lists them with their units",
-    )
-    workspace: WorkspaceSettings = Field(
-        default_factory=WorkspaceSettings,
-        description="How the workspace is sampled and its dexterity measured",
-    )
-    seed: int = Field(default=1, ge=0, lt=2**63, description="Of the sample points")
-    shape_grid: int | None = Field(
-        default=None,
-        description="Cells on each axis on which pieces and voids are counted, 0 for none. "
-        "Default: 96, with four coordinates 28, with five 14",
-    )
 
 
 @dataclass(frozen=True)

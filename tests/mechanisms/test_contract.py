@@ -337,12 +337,13 @@ def naive_sweep(sampler, design, points, count):
     """Return (margins, indices) of each replicate, pose by pose in plain Python."""
     mechanism = sampler.space.mechanism
     order = len(mechanism.joints)
+    constants = constants_of(mechanism, design)
     results = []
     for replicate in range(points.replicates):
         poses = naive.fill(points, replicate, 0, count, design.lower, design.width)
         margins, indices = [], []
         for pose in poses.T.tolist():
-            margin, *entries = mechanism.kernel(*pose, constants_of(mechanism, design))
+            margin, *entries = mechanism.kernel(*pose, constants)
             margins.append(margin)
             if margin >= 0:
                 matrix = np.reshape(entries, (order, order))
@@ -499,8 +500,9 @@ def test_field_equals_the_kernel(mechanism):
         columns = np.array([list(p.values()) for p in poses]).T
         margin, lci = sampler.evaluator.field(design, columns)
         order = len(mechanism.joints)
+        constants = constants_of(mechanism, design)
         for i, pose in enumerate(poses):
-            expected, *entries = mechanism.kernel(*pose.values(), constants_of(mechanism, design))
+            expected, *entries = mechanism.kernel(*pose.values(), constants)
             assert (margin[i] >= 0) == (expected >= 0)
             if expected < 0 and mechanism.name in ITERATED:
                 continue

@@ -114,6 +114,25 @@ def test_sobol_has_random_access(first):
                 assert made[d, i] == (value + 0.5) / 2**SOBOL_BITS
 
 
+def test_scrambling_takes_its_choices_one_by_one():
+    """Bit j from the top of a direction is the parity of its bit j and of a choice of those above.
+
+    What is drawn at once is what is drawn number by number: the points of a seed stay.
+    """
+    points = sequence("sobol", 5, 2)
+    for replicate, child in enumerate(np.random.SeedSequence(7).spawn(2)):
+        rng = np.random.Generator(np.random.PCG64(child))
+        rng.integers(0, 2**64, size=5, dtype=np.uint64)
+        for d, directions in enumerate(sobol_directions(5).tolist()):
+            wanted = [0] * SOBOL_BITS
+            for j in range(SOBOL_BITS):
+                chosen = int(rng.integers(0, 1 << j)) << 1 if j else 0
+                mask = (chosen | 1) << (SOBOL_BITS - 1 - j)
+                for k, direction in enumerate(directions):
+                    wanted[k] |= ((direction & mask).bit_count() & 1) << (SOBOL_BITS - 1 - j)
+            assert points.high[replicate, d, :SOBOL_BITS].tolist() == wanted
+
+
 @pytest.mark.parametrize("power", [4, 9, 11])
 def test_scrambled_projections_are_nets(power):
     """One of 2^m points in each of 2^m bins, each coordinate; the first pair is a (0,m,2)-net."""

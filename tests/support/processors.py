@@ -76,6 +76,7 @@ def of_mechanism(folder, name):
     folder.mkdir(parents=True, exist_ok=True)
     design = (*DESIGNS.get(name, ()), "--quiet")
 
+    # Both forms of single poses; of runs one or the other, which print the same numbers.
     def keep(label, *arguments, forms=("json", "csv")):
         for form in forms:
             more = ("--force",) if "--out" in arguments else ()
@@ -96,12 +97,13 @@ def of_mechanism(folder, name):
     run = ("--out", folder / "workspace")
     keep("workspace", "workspace", name, *few, "--shape-grid", 8, *run, *design, forms=("json",))
     keep("optimal", "workspace", name, *few, "--characteristic-length", "optimal", "--sampler",
-         "sobol", "--shape-grid", 0, *design)  # fmt: skip
+         "sobol", "--shape-grid", 0, *design, forms=("csv",))  # fmt: skip
     keep("aspect", "workspace", name, *few, "--norm", "fro", "--aspect", "home", "--shape-grid", 0,
-         *design)  # fmt: skip
-    keep("grid", "workspace", name, "--grid", 9, "--threads", 1, "--shape-grid", 6, *design)
+         *design, forms=("json",))  # fmt: skip
+    keep("grid", "workspace", name, "--grid", 9, "--threads", 1, "--shape-grid", 6, *design,
+         forms=("csv",))  # fmt: skip
     keep("links", "workspace", name, *few, "--link-diameter", "1mm", "--cone-angle", 0.7, "--tool",
-         "1mm,2mm,3mm", "--shape-grid", 0, *design)  # fmt: skip
+         "1mm,2mm,3mm", "--shape-grid", 0, *design, forms=("json",))  # fmt: skip
     if name == "2pauu-ppap":
         keep("certify", "workspace", name, "--certify", 0.1, *design)
     keep("singularities", "singularities", name, "--samples", 2048, "--grid", 6, "--threads", 1,
@@ -113,7 +115,8 @@ def of_mechanism(folder, name):
          "--acceleration", 1, "--threads", 1, "--out", folder / "capability", *design,
          forms=("json",))  # fmt: skip
     keep("turning", "capability", name, "--samples", 1024, "--point-speed", 1, "--tool-force", 10,
-         "--rotation-speed", 1, "--point-acceleration", 1, "--threads", 1, *design)  # fmt: skip
+         "--rotation-speed", 1, "--point-acceleration", 1, "--threads", 1, *design,
+         forms=("csv",))  # fmt: skip
     config = folder / "search.toml"
     config.write_text(
         f'mechanism = "{name}"\n[parameters]\n{RANGES[name]}[algorithm]\npopulation = 12\n'
@@ -152,6 +155,18 @@ def contents(folder):
     }
 
 
+def draw_nothing():
+    """Leave out the pictures, which are not compared."""
+    from pmopt.reporting.runs import capability_run, run_pictures
+
+    for module, name in (
+        (run_pictures, "of_workspace"), (run_pictures, "of_singularities"),
+        (run_pictures, "of_pareto"), (capability_run, "draw_capability"),
+    ):  # fmt: skip
+        setattr(module, name, lambda *_: {})
+
+
 if __name__ == "__main__":
+    draw_nothing()
     for mechanism in sys.argv[2:] or MECHANISMS:
         of_mechanism(Path(sys.argv[1]).resolve() / mechanism, mechanism)

@@ -112,6 +112,7 @@ def _integer_root(value: int, order: int) -> int:
         guess = better
 
 
+@functools.cache
 def sobol_directions(dimension: int) -> NDArray[np.uint64]:
     """Return unscrambled Sobol' direction numbers, shape (d, SOBOL_BITS), scaled by 2**52."""
     directions = np.zeros((dimension, SOBOL_BITS), dtype=np.uint64)
@@ -129,22 +130,23 @@ def sobol_directions(dimension: int) -> NDArray[np.uint64]:
                 numbers.append(value)
         for k, number in enumerate(numbers):
             directions[row, k] = number << (SOBOL_BITS - 1 - k)
+    directions.flags.writeable = False  # it is shared
     return directions
 
 
 def _scramble(directions: NDArray[np.uint64], rng: np.random.Generator) -> NDArray[np.uint64]:
     """Multiply direction numbers by a random lower-triangular bit matrix (Matousek 1998)."""
     dimension, bits = directions.shape
-    scrambled = np.zeros_like(directions)
-    for row in range(dimension):
-        for j in range(bits):
-            # Output bit j (from the top) is the parity of input bits 0..j, a random choice of
-            # the first j and always the j-th.
-            mask = int(rng.integers(0, 1 << j)) << 1 | 1 if j else 1
-            mask <<= bits - 1 - j
-            parity = np.bitwise_count(directions[row] & np.uint64(mask)).astype(np.uint64)
-            scrambled[row] |= (parity & np.uint64(1)) << np.uint64(bits - 1 - j)
-    return scrambled
+    left = np.arange(bits - 1, -1, -1, dtype=np.uint64)
+    # Output bit j (from the top) is the parity of input bits 0..j, a random choice of the first j
+    # and always the j-th.
+    mask = np.ones((dimension, bits), dtype=np.uint64)
+    chosen = rng.integers(0, 1 << np.arange(1, bits), size=(dimension, bits - 1))
+    mask[:, 1:] |= chosen.astype(np.uint64) << np.uint64(1)
+    mask <<= left
+    kept = directions[:, None, :] & mask[:, :, None]
+    parity = np.bitwise_count(kept).astype(np.uint64) & np.uint64(1)
+    return np.bitwise_or.reduce(parity << left[:, None], axis=1)
 
 
 def make_sequence(

@@ -59,10 +59,11 @@ def test_cones_are_closed_at_home(mechanism):
     np.testing.assert_allclose(cosines, 1.0, atol=1e-9)
 
 
-def test_margin_with_clearances(mechanism):
-    """Against distances of all pairs of links that are not joined, pose by pose.
+def check_clearances(mechanism, tool=None, **more):
+    """Hold the margin against distances of all pairs of links that are not joined.
 
-    Diameters are medians of the least distances met: half of the poses are too close.
+    Those to the tool's shaft count as those to the platform. Diameters are quantiles of the least
+    distances met: half of the poses are too close.
     """
     params = mechanism.resolve({})
     poses = [p for p, _ in reachable(mechanism, params, 60)]
@@ -70,20 +71,26 @@ def test_margin_with_clearances(mechanism):
     joined = [next(spokes) if limb < 0 else limb for limb in mechanism.segments]
     least = []  # between limbs, and between limbs and platform
     for pose in poses:
-        _, _, segments, _ = skeleton(mechanism, params, pose)
+        position, rotation, segments, _ = skeleton(mechanism, params, pose)
         nearest = [math.inf, math.inf]
         for i, a in enumerate(segments):
+            if mechanism.segments[i] < 0:
+                continue
             for j, b in enumerate(segments):
-                if mechanism.segments[i] < 0 or joined[i] == joined[j]:
+                if joined[i] == joined[j]:
                     continue
                 distance = math.sqrt(segment_distance2(*a.ravel(), *b.ravel()))
                 which = int(mechanism.segments[j] < 0)
                 nearest[which] = min(nearest[which], distance)
+            if tool:
+                shaft = position, position + rotation @ tool
+                distance = math.sqrt(segment_distance2(*a.ravel(), *shaft[0], *shaft[1]))
+                nearest[1] = min(nearest[1], distance)
         least.append(nearest)
     between, to_platform = np.array(least).T
     link = float(np.quantile(between, 0.4))
     platform = max(2 * float(np.quantile(to_platform, 0.4)) - link, 0.1 * link)
-    settings = WorkspaceSettings(link_diameter=link, platform_diameter=platform)
+    settings = WorkspaceSettings(link_diameter=link, platform_diameter=platform, tool=tool, **more)
     sampler = make_sampler(mechanism, settings, threads=1)
     margin, _ = sampler.evaluator.field(sampler.design(params), columns(poses))
     free = (between >= link) & (to_platform >= (link + platform) / 2)
@@ -95,7 +102,7 @@ def test_margin_with_clearances(mechanism):
     assert 0 < free.sum() < len(free)
 
 
-def test_margin_with_cones_and_tool(mechanism):
+def check_cones_and_tool(mechanism, **more):
     params = mechanism.resolve({})
     size = mechanism.characteristic_length(params)
     poses = [p for p, _ in reachable(mechanism, params, 60)]
@@ -105,7 +112,7 @@ def test_margin_with_cones_and_tool(mechanism):
         position, rotation, *_ = skeleton(mechanism, params, pose)
         places.append(position + rotation @ tool)
     low, high = np.quantile(places, [0.2, 0.8], axis=0).T[1]
-    settings = WorkspaceSettings(cone_angle=0.5, tool=tool, limits={"tool_y": (low, high)})
+    settings = WorkspaceSettings(cone_angle=0.5, tool=tool, limits={"tool_y": (low, high)}, **more)
     sampler = make_sampler(mechanism, settings, threads=1)
     design = sampler.design(params)
     margin, _ = sampler.evaluator.field(design, columns(poses))
@@ -122,14 +129,38 @@ def test_margin_with_cones_and_tool(mechanism):
     assert sum(verdicts) > 0 or mechanism.name == "4-ups-rps"  # nine cones at once
 
 
+# With all checks at once one program is compiled of each mechanism: those that are not looked at
+# are kept by every pose.
+
+
+def test_margin_with_clearances(mechanism):
+    size = mechanism.characteristic_length(mechanism.resolve({}))
+    check_clearances(mechanism, tool=(0.0, 0.1 * size, 0.4 * size), cone_angle=math.pi)
+
+
+def test_margin_with_cones_and_tool(mechanism):
+    size = mechanism.characteristic_length(mechanism.resolve({}))
+    check_cones_and_tool(mechanism, link_diameter=1e-9 * size)
+
+
+def test_margin_with_one_check_alone(pauu):
+    check_clearances(pauu)
+    check_cones_and_tool(pauu)
+
+
 @pytest.mark.slow
 def test_limits_shrink_the_workspace(mechanism):
     size = mechanism.characteristic_length(mechanism.resolve({}))
+    narrow = {"cone_angle": 0.5, "tool": (0.0, 0.0, 0.0)}
     found = [
         compute_workspace(
             mechanism, settings=WorkspaceSettings(samples=1 << 15, **given), shape_grid=0
         ).volume.value
-        for given in ({}, {"cone_angle": 0.5}, {"link_diameter": 0.5 * size, "cone_angle": 0.5})
+        for given in (
+            {},
+            {**narrow, "link_diameter": 1e-9 * size},
+            {**narrow, "link_diameter": 0.5 * size},
+        )
     ]
     assert found[0] > found[1] >= found[2]
 

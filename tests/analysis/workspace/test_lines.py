@@ -65,14 +65,21 @@ def case_of(name, case, **settings):
     return params.get(name, {}), {**options.get(name, {}), **settings}
 
 
-def parts_of(sampler, design, pose):
-    """Return the parts of the line through a pose as (start, end) pairs, by the plain function."""
+def parts_in(sampler, design):
+    """Return what gives the parts of the line through a pose, by the plain function.
+
+    They are (start, end) pairs.
+    """
     mechanism, axis = sampler.space.mechanism, sampler.space.mechanism.line_axis
     low = design.lower[axis]
     constants = constants_of(mechanism, design)
-    flat = mechanism.line(*pose, low, low + design.width[axis], constants)
-    assert len(flat) == 2 * mechanism.line_parts
-    return list(zip(flat[::2], flat[1::2], strict=True))
+
+    def parts_of(pose):
+        flat = mechanism.line(*pose, low, low + design.width[axis], constants)
+        assert len(flat) == 2 * mechanism.line_parts
+        return list(zip(flat[::2], flat[1::2], strict=True))
+
+    return parts_of
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -84,11 +91,11 @@ def test_parts_hold_all_that_is_reachable(name, case):
     design = sampler.design(sampler.space.mechanism.resolve(params))
     poses = sampler.evaluator.points(design, sampler.sequence(4), 0, 20_000)
     margin, _ = sampler.evaluator.field(design, poses)
-    axis = sampler.space.mechanism.line_axis
+    axis, parts_of = sampler.space.mechanism.line_axis, parts_in(sampler, design)
     reached = np.flatnonzero(margin >= 0)
     assert len(reached) > 100
     for i in reached[:2000]:
-        parts = parts_of(sampler, design, poses[:, i].tolist())
+        parts = parts_of(poses[:, i].tolist())
         ends = [end for part in parts if part[1] > part[0] for end in part]
         assert ends == sorted(ends)
         slack = 1e-12 * (abs(poses[axis, i]) + 1)
@@ -127,10 +134,10 @@ def test_sums_equal_a_loop(name, least):
     points, count = sampler.sequence(1), 2 * sweep.BLOCK + 77
     tallies = sampler.evaluator.tally([design], points, 0, count, BINS)
     poses = sampler.evaluator.points(design, points, 0, count)
-    axis = sampler.space.mechanism.line_axis
+    axis, parts_of = sampler.space.mechanism.line_axis, parts_in(sampler, design)
     weights = np.empty(count)
     for i, pose in enumerate(poses.T.tolist()):
-        parts = [(low, high) for low, high in parts_of(sampler, design, pose) if high > low]
+        parts = [(low, high) for low, high in parts_of(pose) if high > low]
         total = sum(high - low for low, high in parts)
         weights[i] = total / design.width[axis]
         along = (pose[axis] - design.lower[axis]) * weights[i]

@@ -58,6 +58,11 @@ def truth_of(case, samples):
     return sampled(name, params, samples, 99, **settings, sampler="lines")
 
 
+@cache
+def truth_of_default(samples):
+    return sampled("2pauu-ppap", {}, samples, 99, sampler="lines")
+
+
 def scores_of(case, samples, sampler, seeds):
     """Return how many of its errors each quantile is off, a row a seed."""
     name, params, settings = CASES[case]
@@ -276,7 +281,7 @@ def test_bounds_are_not_called_standard_errors():
      (3e-2, "monte-carlo", 8192)],
 )  # fmt: skip
 def test_a_coarse_target_takes_few_samples_and_its_errors_hold(target, sampler, most):
-    truth = sampled("2pauu-ppap", {}, 1 << 23, 99, sampler="lines")
+    truth = truth_of_default(1 << 23)
     drawn, design = prepared("2pauu-ppap", sampler=sampler)
     scores = []
     for seed in range(100):
@@ -293,7 +298,7 @@ def test_a_coarse_target_takes_few_samples_and_its_errors_hold(target, sampler, 
 @pytest.mark.parametrize("sampler", ["r-sequence", "sobol", "monte-carlo", "lines"])
 @pytest.mark.parametrize("target", [3e-2, 1e-2, 3e-3])
 def test_errors_hold_after_stopping_in_400_runs(target, sampler):
-    truth = sampled("2pauu-ppap", {}, 1 << 24, 99, sampler="lines")
+    truth = truth_of_default(1 << 24)
     drawn, design = prepared("2pauu-ppap", sampler=sampler)
     scores = []
     for seed in range(400):

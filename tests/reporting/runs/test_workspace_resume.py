@@ -4,12 +4,11 @@ import random
 import shlex
 import shutil
 import signal
-import time
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.cli_runner import TIMEOUT, error_line, files_in, here, strict_json
+from support.cli_runner import TIMEOUT, error_line, files_in, here, strict_json, wait_for
 from support.killing import checkpoints, kill_and_resume, outputs, start
 
 from pmopt.analysis.sampling.measuring import Course
@@ -310,11 +309,9 @@ def test_killed_at_random_moments(in_one_go, tmp_path):
 def test_interrupted(in_one_go, tmp_path, number):
     folder = tmp_path / "a run"
     process = start(COMMAND, folder)
-    deadline = time.monotonic() + TIMEOUT
-    while not checkpoints(folder) and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_for(lambda: checkpoints(folder), process)
     process.send_signal(number)
-    output, errors = process.communicate(timeout=20)
+    output, errors = process.communicate(timeout=TIMEOUT)
     assert (process.returncode, output) == (130, "")
     said, _, line = errors.strip().partition("; continue with: ")
     assert said == "error: interrupted"

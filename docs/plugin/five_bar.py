@@ -8,85 +8,151 @@ working mode. The platform is limb 2's second link: its turn about z, alpha, is 
 """
 
 import math
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from pmopt.errors import InputError
 from pmopt.kernels.trigonometry import arc_tangent
+from pmopt.kernels.vectors import Rotation, Vec3, Z
 from pmopt.mechanisms.bodies import plate, tube
 from pmopt.mechanisms.mechanism import (
-    Chain,
     Coordinate,
     ForwardSolution,
     InverseSolution,
-    Joint,
     Limb,
     Mechanism,
     Parameter,
     Reach,
     wrap_angle,
 )
+from pmopt.mechanisms.structure import Evaluated, Revolute, SerialChain, Structure
 
 SIGNS = {"out-out": (1, -1), "in-in": (-1, 1), "out-in": (1, 1), "in-out": (-1, -1)}
 TINY = 1e-300
 
 
+class Arc(NamedTuple):
+    """Range of a crank's angle t: inside is l1 cos(t - middle) >= l1 cos(half-width)."""
+
+    cos: float  # of the middle
+    sin: float
+    least: float  # l1 cos(half-width), m; -inf where all angles are allowed
+
+
+class Constants(NamedTuple):
+    """One design, as kernel functions take it."""
+
+    a: float  # m
+    l1: float  # m
+    l2: float  # m
+    excess: float  # l1^2 - l2^2, m^2
+    sign1: float  # of the crank's root, by working mode
+    sign2: float
+    arc1: Arc
+    arc2: Arc
+
+
+class Crank(NamedTuple):
+    """A limb's crank at a pose."""
+
+    reach: float  # l1^2 r^2 - c^2, m^4: >= 0 where the limb reaches the pose
+    root: float  # signed root of it, m^2
+    x: float  # its tip from its pivot, m
+    y: float
+
+
 def crank(dx, dy, l1, excess, sign):
-    """Return l1^2 r^2 - c^2, the signed root, and the crank's tip from its pivot."""
+    """Return a limb's crank; d is P - A."""
     r2 = dx * dx + dy * dy
     c = 0.5 * (r2 + excess)
     square = l1 * l1 * r2 - c * c
     root = sign * math.sqrt(square if square > 0.0 else 0.0)
     over = 1.0 / (r2 + TINY)
-    return square, root, (c * dx - root * dy) * over, (c * dy + root * dx) * over
+    return Crank(square, root, (c * dx - root * dy) * over, (c * dy + root * dx) * over)
 
 
-def kernel(x, y, constants):
+def cranks(x, y, k):
+    """Return both cranks."""
+    return (
+        crank(x + k.a, y, k.l1, k.excess, k.sign1),
+        crank(x - k.a, y, k.l1, k.excess, k.sign2),
+    )
+
+
+def kernel(x, y, k):
     """Return the margin and det(J_q) J^-1: rows g2 u1 and g1 u2, g_i = u_i.e_i = -s S."""
-    a, l1, _, excess, s1, s2, cos1, sin1, least1, cos2, sin2, least2 = constants
-    square1, root1, p1, q1 = crank(x + a, y, l1, excess, s1)
-    square2, root2, p2, q2 = crank(x - a, y, l1, excess, s2)
-    margin = square1 if square1 < square2 else square2
-    slack = cos1 * p1 + sin1 * q1 - least1
+    one, two = cranks(x, y, k)
+    margin = one.reach if one.reach < two.reach else two.reach
+    slack = k.arc1.cos * one.x + k.arc1.sin * one.y - k.arc1.least
     margin = slack if slack < margin else margin
-    slack = cos2 * p2 + sin2 * q2 - least2
+    slack = k.arc2.cos * two.x + k.arc2.sin * two.y - k.arc2.least
     margin = slack if slack < margin else margin
     return (
         margin,
-        -root2 * (x + a - p1), -root2 * (y - q1),
-        -root1 * (x - a - p2), -root1 * (y - q2),
+        -two.root * (x + k.a - one.x), -two.root * (y - one.y),
+        -one.root * (x - k.a - two.x), -one.root * (y - two.y),
     )  # fmt: skip
 
 
-def skeleton(x, y, constants):
-    """Return the platform, the cranks and the links."""
-    a, l1, l2, excess, s1, s2, _, _, _, _, _, _ = constants
-    _, _, p1, q1 = crank(x + a, y, l1, excess, s1)
-    _, _, p2, q2 = crank(x - a, y, l1, excess, s2)
-    cosine, sine = (x - a - p2) / l2, (y - q2) / l2
-    return (
-        x, y, 0.0, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0,
-        -a, 0.0, 0.0, p1 - a, q1, 0.0,
-        p1 - a, q1, 0.0, x, y, 0.0,
-        a, 0.0, 0.0, p2 + a, q2, 0.0,
-        p2 + a, q2, 0.0, x, y, 0.0,
-    )  # fmt: skip
+class Points(NamedTuple):
+    """A configuration, m: pivots A, tips B of the cranks, P, and how limb 2's link is turned."""
+
+    a1: Vec3
+    a2: Vec3
+    b1: Vec3
+    b2: Vec3
+    p: Vec3
+    rotation: Rotation
 
 
-def posture(x, y, constants):
-    """Return platform, positions of the cranks, and the five joints."""
-    s = skeleton(x, y, constants)
-    a = constants[0]
-    return (
-        *s[:12],
-        arc_tangent(s[16], s[15] + a), arc_tangent(s[28], s[27] - a),
-        -a, 0.0, 0.0, 0.0, 0.0, 1.0,
-        s[15], s[16], 0.0, 0.0, 0.0, 1.0,
-        x, y, 0.0, 0.0, 0.0, 1.0,
-        a, 0.0, 0.0, 0.0, 0.0, 1.0,
-        s[27], s[28], 0.0, 0.0, 0.0, 1.0,
-    )  # fmt: skip
+def points(x, y, k):
+    """Return the points of a configuration."""
+    one, two = cranks(x, y, k)
+    cosine, sine = (x - k.a - two.x) / k.l2, (y - two.y) / k.l2
+    return Points(
+        a1=Vec3(-k.a, 0.0, 0.0),
+        a2=Vec3(k.a, 0.0, 0.0),
+        b1=Vec3(one.x - k.a, one.y, 0.0),
+        b2=Vec3(two.x + k.a, two.y, 0.0),
+        p=Vec3(x, y, 0.0),
+        rotation=Rotation(cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0),
+    )
+
+
+class Positions(NamedTuple):
+    """Angles of the cranks."""
+
+    theta1: float
+    theta2: float
+
+
+def positions(at, k):
+    """Return the actuated joints' positions."""
+    return Positions(
+        arc_tangent(at.b1.y, at.b1.x + k.a),
+        arc_tangent(at.b2.y, at.b2.x - k.a),
+    )
+
+
+STRUCTURE = Structure(
+    Evaluated(points, Points),
+    place="p",
+    rotation="rotation",
+    chains=(
+        SerialChain(
+            "limb 1",
+            (Revolute("a1", Z, drives="theta1"), Revolute("b1", Z), Revolute("p", Z)),
+            bars=("a1", "b1", "p"),
+        ),
+        SerialChain(
+            "limb 2",
+            (Revolute("a2", Z, drives="theta2"), Revolute("b2", Z)),
+            bars=("a2", "b2", "p"),
+        ),
+    ),
+    positions=Evaluated(positions, Positions),
+)
 
 
 class FiveBar(Mechanism):
@@ -124,10 +190,8 @@ class FiveBar(Mechanism):
     }
     working_modes = tuple(SIGNS)
     kernel = staticmethod(kernel)
-    constant_count = 12
-    skeleton = staticmethod(skeleton)
-    posture = staticmethod(posture)
-    segments = (0, 0, 1, 1)
+    constants = Constants
+    structure = STRUCTURE
     vertical = 1
     down = (0.0, -1.0, 0.0)
     roles = ("x", "y")
@@ -167,20 +231,8 @@ class FiveBar(Mechanism):
 
     def platform(self, parameters, pose, working_mode=None):
         """Return the turn of limb 2's link and P."""
-        flat = skeleton(pose["x"], pose["y"], self._plain(parameters, working_mode))
-        return np.reshape(flat[3:12], (3, 3)), np.array(flat[:3])
-
-    def layout(self, parameters, pose, working_mode=None):
-        """Return five revolute joints, axes along z."""
-        flat = skeleton(pose["x"], pose["y"], self._plain(parameters, working_mode))
-        ends = np.reshape(flat[12:], (4, 2, 3))
-        z = (np.array([0.0, 0.0, 1.0]),)
-        return (
-            Chain("limb 1", (Joint("R", ends[0, 0], z, drive=("theta1", 0)),
-                             Joint("R", ends[0, 1], z), Joint("R", ends[1, 1], z))),
-            Chain("limb 2", (Joint("R", ends[2, 0], z, drive=("theta2", 0)),
-                             Joint("R", ends[2, 1], z))),
-        )  # fmt: skip
+        at = self._points(parameters, pose, self.check_mode(working_mode))
+        return np.reshape(at.rotation, (3, 3)), np.array(at.p)
 
     def reach(self, parameters, pose):
         """Return how far P is within the ring of each limb."""
@@ -198,10 +250,11 @@ class FiveBar(Mechanism):
             return ()
         found = []
         for mode in SIGNS:
-            flat = skeleton(pose["x"], pose["y"], self._plain(parameters, mode))
-            theta = [math.atan2(flat[k + 4] - flat[k + 1], flat[k + 3] - flat[k]) for k in (12, 24)]
-            alpha = math.atan2(flat[6], flat[3])
-            joints = {"theta1": wrap_angle(theta[0]), "theta2": wrap_angle(theta[1])}
+            at = self._points(parameters, pose, mode)
+            theta1 = math.atan2(at.b1.y - at.a1.y, at.b1.x - at.a1.x)
+            theta2 = math.atan2(at.b2.y - at.a2.y, at.b2.x - at.a2.x)
+            alpha = math.atan2(at.rotation.yx, at.rotation.xx)
+            joints = {"theta1": wrap_angle(theta1), "theta2": wrap_angle(theta2)}
             found.append(InverseSolution(mode, joints, {"alpha": wrap_angle(alpha)}))
         return tuple(found)
 
@@ -262,19 +315,20 @@ class FiveBar(Mechanism):
         return {"J_X": "m", "J_q": "diagonal in m^2/rad"}
 
     def kernel_constants(self, parameters, working_mode, length, limits):
-        """Return the constants in the order in which the kernel takes them."""
+        """Return the constants of a design."""
         a, l1, l2 = _lengths(parameters)
         arcs = []
         for name in ("theta1", "theta2"):
             low, high = limits.get(name, (-math.pi, math.pi))
             middle, half = (low + high) / 2, (high - low) / 2
             least = -math.inf if half >= math.pi else l1 * math.cos(half)
-            arcs += [math.cos(middle), math.sin(middle), least]
-        return [a, l1, l2, (l1 - l2) * (l1 + l2), *map(float, SIGNS[working_mode]), *arcs]
+            arcs.append(Arc(math.cos(middle), math.sin(middle), least))
+        sign1, sign2 = map(float, SIGNS[working_mode])
+        return Constants(a, l1, l2, (l1 - l2) * (l1 + l2), sign1, sign2, *arcs)
 
-    def _plain(self, parameters, working_mode):
-        mode = self.check_mode(working_mode)
-        return tuple(self.kernel_constants(parameters, mode, 1.0, {}))
+    def _points(self, parameters, pose, mode):
+        constants = self.kernel_constants(parameters, mode, 1.0, {})
+        return points(pose["x"], pose["y"], constants)
 
 
 def _lengths(parameters):

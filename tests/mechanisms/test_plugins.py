@@ -21,6 +21,15 @@ class Other(PauuPpap):
 
 MECHANISM = Other()
 """
+#: A structure with a name that no point has.
+ASTRAY = """name = "astray"
+    from dataclasses import replace
+
+    one, *others = PauuPpap.structure.chains
+    structure = replace(
+        PauuPpap.structure, chains=(replace(one, bars=("a1", "c3", "d1")), *others)
+    )
+"""
 BROKEN = {
     "lost": ("no_such_module:MECHANISM", None),
     "raises": ("plugged_raises:MECHANISM", "raise KeyError('a\\nb')\n"),
@@ -30,6 +39,11 @@ BROKEN = {
     "class": ("plugged_class:Other", GOOD),
     "double": ("plugged_double:MECHANISM", GOOD.replace('"other"', '"3-CUR"')),
     "nameless": ("plugged_nameless:MECHANISM", GOOD.replace('"other"', '"-"')),
+    "old": (
+        "plugged_old:MECHANISM",
+        GOOD.replace('name = "other"', 'name = "old"\n    structure = None'),
+    ),
+    "astray": ("plugged_astray:MECHANISM", GOOD.replace('name = "other"', ASTRAY)),
     "unnamed": ("plugged_unnamed:MECHANISM", GOOD.replace('"other"', "None")),
 }
 #: What stands in the line of each.
@@ -42,6 +56,9 @@ REASONS = {
     "class": "it is a class: the entry point has to name an instance",
     "double": "there is a mechanism '3-CUR' already, of pmopt.mechanisms.catalogue.cur",
     "nameless": "its name '-' has no letter or digit",
+    "old": "it declares no structure, from which layout, skeleton and posture come",
+    "astray": "InputError: structure: point or vector: unknown name 'c3', allowed: a1, a2, c1, c2, "
+    "d1, d2, p, foot; nearest: c2",
     "unnamed": "AttributeError: 'NoneType' object has no attribute 'casefold'",
 }
 

@@ -1,26 +1,32 @@
 """A platform of six freedoms on six UPS limbs, for tests."""
 
 import math
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from pmopt.kernels.limbs import ups_joints
 from pmopt.kernels.trigonometry import sin_cos
-from pmopt.kernels.vectors import Vec3, direction, minus
+from pmopt.kernels.vectors import Rotation, Vec3, direction, minus
 from pmopt.mechanisms.bodies import disc, tube
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
-    Chain,
     Coordinate,
     ForwardSolution,
     InverseSolution,
-    Joint,
     Limb,
     Mechanism,
     Parameter,
     Reach,
     wrap_angle,
+)
+from pmopt.mechanisms.structure import (
+    Along,
+    Evaluated,
+    Normal,
+    Prismatic,
+    SerialChain,
+    Spherical,
+    Structure,
+    Universal,
 )
 
 LONGEST = 0.9
@@ -75,48 +81,89 @@ def kernel(x, y, z, yaw, pitch, roll, constants):
     return (margin, *g1[1:], *g2[1:], *g3[1:], *g4[1:], *g5[1:], *g6[1:])
 
 
-def ends_of(x, y, z, r, ax, ay, bx, by):
-    return (
-        ax, ay, 0.0,
-        x + r[0] * bx + r[1] * by, y + r[3] * bx + r[4] * by, z + r[6] * bx + r[7] * by,
-    )  # fmt: skip
+class Leg(NamedTuple):
+    """A limb: A in the base, B in the platform, and the first axis of its U joint at A."""
+
+    a: Vec3
+    b: Vec3
+    tangent: Vec3  # across A's radius
 
 
-def skeleton(x, y, z, yaw, pitch, roll, constants):
-    """Return the platform, the limbs and the platform's radii."""
+class Points(NamedTuple):
+    leg1: Leg
+    leg2: Leg
+    leg3: Leg
+    leg4: Leg
+    leg5: Leg
+    leg6: Leg
+    p: Vec3
+    rotation: Rotation
+
+
+def leg_of(x, y, z, r, ax, ay, bx, by):
+    size = math.sqrt(ax * ax + ay * ay)
+    return Leg(
+        Vec3(ax, ay, 0.0),
+        Vec3(x + r[0] * bx + r[1] * by, y + r[3] * bx + r[4] * by, z + r[6] * bx + r[7] * by),
+        Vec3(0.0 - ay / size, ax / size, 0.0),
+    )
+
+
+def points(x, y, z, yaw, pitch, roll, constants):
+    """Return the platform and the limbs."""
     c = constants
     r = rotation(yaw, pitch, roll)
-    g1 = ends_of(x, y, z, r, c[0], c[1], c[12], c[13])
-    g2 = ends_of(x, y, z, r, c[2], c[3], c[14], c[15])
-    g3 = ends_of(x, y, z, r, c[4], c[5], c[16], c[17])
-    g4 = ends_of(x, y, z, r, c[6], c[7], c[18], c[19])
-    g5 = ends_of(x, y, z, r, c[8], c[9], c[20], c[21])
-    g6 = ends_of(x, y, z, r, c[10], c[11], c[22], c[23])
-    return (
-        x, y, z, *r[:9], *g1, *g2, *g3, *g4, *g5, *g6,
-        x, y, z, *g1[3:], x, y, z, *g2[3:], x, y, z, *g3[3:],
-        x, y, z, *g4[3:], x, y, z, *g5[3:], x, y, z, *g6[3:],
+    return Points(
+        leg_of(x, y, z, r, c[0], c[1], c[12], c[13]),
+        leg_of(x, y, z, r, c[2], c[3], c[14], c[15]),
+        leg_of(x, y, z, r, c[4], c[5], c[16], c[17]),
+        leg_of(x, y, z, r, c[6], c[7], c[18], c[19]),
+        leg_of(x, y, z, r, c[8], c[9], c[20], c[21]),
+        leg_of(x, y, z, r, c[10], c[11], c[22], c[23]),
+        Vec3(x, y, z),
+        Rotation(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]),
+    )
+
+
+class Positions(NamedTuple):
+    l1: float
+    l2: float
+    l3: float
+    l4: float
+    l5: float
+    l6: float
+
+
+def length_of(leg):
+    return direction(minus(leg.b, leg.a)).length
+
+
+def positions(at, constants):
+    return Positions(
+        length_of(at.leg1), length_of(at.leg2), length_of(at.leg3),
+        length_of(at.leg4), length_of(at.leg5), length_of(at.leg6),
     )  # fmt: skip
 
 
-def limb_joints(g):
-    """Return a limb's length and joints; the first axis of its U joint lies across A's radius."""
-    size = math.sqrt(g[0] * g[0] + g[1] * g[1])
-    a, b = Vec3(g[0], g[1], g[2]), Vec3(g[3], g[4], g[5])
-    joints = ups_joints(a, b, Vec3(0.0 - g[1] / size, g[0] / size, 0.0))
-    return direction(minus(b, a)).length, joints
+def ups(k):
+    """Return limb k."""
+    a, b, tangent = (f"leg{k}.{name}" for name in ("a", "b", "tangent"))
+    along = Along(a, b)
+    joints = (
+        Universal(a, tangent, Normal(tangent, along)),
+        Prismatic(a, along, drives=f"l{k}"),
+        Spherical(b),
+    )
+    return SerialChain(f"limb {k}", joints, bars=(a, b), spoke=b)
 
 
-def posture(x, y, z, yaw, pitch, roll, constants):
-    """Return the platform, the six lengths, and the joints of the limbs."""
-    s = skeleton(x, y, z, yaw, pitch, roll, constants)
-    l1, j1 = limb_joints(s[12:18])
-    l2, j2 = limb_joints(s[18:24])
-    l3, j3 = limb_joints(s[24:30])
-    l4, j4 = limb_joints(s[30:36])
-    l5, j5 = limb_joints(s[36:42])
-    l6, j6 = limb_joints(s[42:48])
-    return (*s[:12], l1, l2, l3, l4, l5, l6, *j1, *j2, *j3, *j4, *j5, *j6)
+STRUCTURE = Structure(
+    Evaluated(points, Points),
+    place="p",
+    rotation="rotation",
+    chains=tuple(ups(k) for k in range(1, 7)),
+    positions=Evaluated(positions, Positions),
+)
 
 
 NAMES = tuple(f"l{k}" for k in range(1, 7))
@@ -156,10 +203,7 @@ class Gough(Mechanism):
     working_modes = ("direct",)
     kernel = staticmethod(kernel)
     constant_count = 37
-    skeleton = staticmethod(skeleton)
-    posture = staticmethod(posture)
-    segments = (0, 1, 2, 3, 4, 5, *[PLATFORM] * 6)
-    spokes = (0, 1, 2, 3, 4, 5)
+    structure = STRUCTURE
     roles = ("x", "y", "z", "yaw", "pitch", "roll")
 
     def characteristic_length(self, parameters):
@@ -193,24 +237,12 @@ class Gough(Mechanism):
         turned = rotation(pose["yaw"], pose["pitch"], pose["roll"])[:9]
         return np.reshape(turned, (3, 3)), np.array([pose["x"], pose["y"], pose["z"]])
 
-    def layout(self, parameters, pose, working_mode=None):
-        flat = skeleton(*pose.values(), self.kernel_constants(parameters, "direct", 1.0, {}))
-        chains = []
-        for k, name in enumerate(NAMES):
-            _, numbers = limb_joints(flat[12 + 6 * k : 18 + 6 * k])
-            a, t, s, _, n, b = np.reshape(numbers, (6, 3))
-            chains.append(Chain(f"limb {k + 1}", (
-                Joint("U", a, (t, s)), Joint("P", a, (n,), drive=(name, 0)), Joint("S", b),
-            )))  # fmt: skip
-        return tuple(chains)
-
     def reach(self, parameters, pose):
         return tuple(Reach(limb.name, 1.0, "too far") for limb in self.limbs)
 
     def inverse(self, parameters, pose):
-        flat = skeleton(*pose.values(), self.kernel_constants(parameters, "direct", 1.0, {}))
-        ends = np.reshape(flat[12:48], (6, 2, 3))
-        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).tolist()
+        at = points(*pose.values(), self.kernel_constants(parameters, "direct", 1.0, {}))
+        lengths = [float(np.linalg.norm(np.subtract(leg.b, leg.a))) for leg in at[:6]]
         return (InverseSolution("direct", dict(zip(NAMES, lengths, strict=True)), {}),)
 
     def forward(self, parameters, joints):

@@ -1,25 +1,24 @@
 """3-RRR, planar: two translations and a turn, for tests."""
 
 import math
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from pmopt.kernels.trigonometry import arc_tangent, sin_cos
+from pmopt.kernels.vectors import Rotation, Vec3, Z, minus
 from pmopt.mechanisms.bodies import plate, tube
 from pmopt.mechanisms.mechanism import (
-    PLATFORM,
-    Chain,
     Coordinate,
     ForwardSolution,
     InverseSolution,
-    Joint,
     Limb,
     Mechanism,
     Parameter,
     Reach,
     wrap_angle,
 )
+from pmopt.mechanisms.structure import Evaluated, Revolute, SerialChain, Structure
 
 AT = tuple(
     (math.cos(v), math.sin(v)) for v in (math.pi / 2 + k * 2 * math.pi / 3 for k in range(3))
@@ -37,62 +36,126 @@ def crank(dx, dy, l1, excess, sign):
     return square, root, (c * dx - root * dy) * over, (c * dy + root * dx) * over
 
 
-def limb(x, y, sine, cosine, big, small, c, s, l1, excess, sign):
-    """Return root, A, B, C of a limb in the plane, and the arm from the platform's centre."""
-    bx, by = small * (cosine * c - sine * s), small * (sine * c + cosine * s)
-    square, root, p, q = crank(x + bx - big * c, y + by - big * s, l1, excess, sign)
-    return square, root, big * c, big * s, big * c + p, big * s + q, x + bx, y + by, bx, by
+class Leg(NamedTuple):
+    """A limb in the plane: pivot A, tip B of the crank, C at the platform, and the crank's root."""
+
+    reach: float
+    root: float
+    a: Vec3
+    b: Vec3
+    c: Vec3
+    arm: Vec3  # from the platform's centre to C
 
 
-def kernel(x, y, phi, constants):
-    big, small, l1, _, excess, sign, weight, c1, s1, e1, c2, s2, e2, c3, s3, e3 = constants
+class Constants(NamedTuple):
+    big: float
+    small: float
+    l1: float
+    l2: float
+    excess: float
+    sign: float
+    weight: float
+    c1: float  # cosine and sine of the middle of crank 1's range, and its end
+    s1: float
+    e1: float
+    c2: float
+    s2: float
+    e2: float
+    c3: float
+    s3: float
+    e3: float
+
+
+def limb(x, y, sine, cosine, k, c, s):
+    """Return the limb whose joints lie at the angle with cosine c and sine s."""
+    bx, by = k.small * (cosine * c - sine * s), k.small * (sine * c + cosine * s)
+    square, root, p, q = crank(x + bx - k.big * c, y + by - k.big * s, k.l1, k.excess, k.sign)
+    return Leg(
+        square,
+        root,
+        Vec3(k.big * c, k.big * s, 0.0),
+        Vec3(k.big * c + p, k.big * s + q, 0.0),
+        Vec3(x + bx, y + by, 0.0),
+        Vec3(bx, by, 0.0),
+    )
+
+
+def limbs(x, y, sine, cosine, k):
+    """Return all limbs."""
+    return (
+        limb(x, y, sine, cosine, k, C1, S1),
+        limb(x, y, sine, cosine, k, C2, S2),
+        limb(x, y, sine, cosine, k, C3, S3),
+    )
+
+
+def kernel(x, y, phi, k):
     sine, cosine = sin_cos(phi)
-    g1 = limb(x, y, sine, cosine, big, small, C1, S1, l1, excess, sign)
-    g2 = limb(x, y, sine, cosine, big, small, C2, S2, l1, excess, sign)
-    g3 = limb(x, y, sine, cosine, big, small, C3, S3, l1, excess, sign)
-    margin = g1[0] if g1[0] < g2[0] else g2[0]
-    margin = g3[0] if g3[0] < margin else margin
-    slack1 = c1 * (g1[4] - g1[2]) + s1 * (g1[5] - g1[3]) - e1
-    slack2 = c2 * (g2[4] - g2[2]) + s2 * (g2[5] - g2[3]) - e2
-    slack3 = c3 * (g3[4] - g3[2]) + s3 * (g3[5] - g3[3]) - e3
+    g1, g2, g3 = limbs(x, y, sine, cosine, k)
+    margin = g1.reach if g1.reach < g2.reach else g2.reach
+    margin = g3.reach if g3.reach < margin else margin
+    slack1 = k.c1 * (g1.b.x - g1.a.x) + k.s1 * (g1.b.y - g1.a.y) - k.e1
+    slack2 = k.c2 * (g2.b.x - g2.a.x) + k.s2 * (g2.b.y - g2.a.y) - k.e2
+    slack3 = k.c3 * (g3.b.x - g3.a.x) + k.s3 * (g3.b.y - g3.a.y) - k.e3
     margin = min(margin, slack1, slack2, slack3)
-    u1, v1, u2, v2, u3, v3 = (
-        g1[6] - g1[4], g1[7] - g1[5], g2[6] - g2[4], g2[7] - g2[5], g3[6] - g3[4], g3[7] - g3[5],
-    )  # fmt: skip
-    h1, h2, h3 = g2[1] * g3[1], g1[1] * g3[1], g1[1] * g2[1]
+    u1, u2, u3 = minus(g1.c, g1.b), minus(g2.c, g2.b), minus(g3.c, g3.b)
+    h1, h2, h3 = g2.root * g3.root, g1.root * g3.root, g1.root * g2.root
     return (
         margin,
-        h1 * u1, h1 * v1, h1 * (g1[8] * v1 - g1[9] * u1) * weight,
-        h2 * u2, h2 * v2, h2 * (g2[8] * v2 - g2[9] * u2) * weight,
-        h3 * u3, h3 * v3, h3 * (g3[8] * v3 - g3[9] * u3) * weight,
+        h1 * u1.x, h1 * u1.y, h1 * (g1.arm.x * u1.y - g1.arm.y * u1.x) * k.weight,
+        h2 * u2.x, h2 * u2.y, h2 * (g2.arm.x * u2.y - g2.arm.y * u2.x) * k.weight,
+        h3 * u3.x, h3 * u3.y, h3 * (g3.arm.x * u3.y - g3.arm.y * u3.x) * k.weight,
     )  # fmt: skip
 
 
-def skeleton(x, y, phi, constants):
-    big, small, l1, _, excess, sign, _, _, _, _, _, _, _, _, _, _ = constants
+class Points(NamedTuple):
+    leg1: Leg
+    leg2: Leg
+    leg3: Leg
+    p: Vec3
+    rotation: Rotation
+
+
+def points(x, y, phi, k):
     sine, cosine = sin_cos(phi)
-    g1 = limb(x, y, sine, cosine, big, small, C1, S1, l1, excess, sign)
-    g2 = limb(x, y, sine, cosine, big, small, C2, S2, l1, excess, sign)
-    g3 = limb(x, y, sine, cosine, big, small, C3, S3, l1, excess, sign)
-    return (
-        x, y, 0.0, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0,
-        g1[2], g1[3], 0.0, g1[4], g1[5], 0.0, g1[4], g1[5], 0.0, g1[6], g1[7], 0.0,
-        g2[2], g2[3], 0.0, g2[4], g2[5], 0.0, g2[4], g2[5], 0.0, g2[6], g2[7], 0.0,
-        g3[2], g3[3], 0.0, g3[4], g3[5], 0.0, g3[4], g3[5], 0.0, g3[6], g3[7], 0.0,
-        x, y, 0.0, g1[6], g1[7], 0.0, x, y, 0.0, g2[6], g2[7], 0.0, x, y, 0.0, g3[6], g3[7], 0.0,
-    )  # fmt: skip
+    leg1, leg2, leg3 = limbs(x, y, sine, cosine, k)
+    turn = Rotation(cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0)
+    return Points(leg1, leg2, leg3, Vec3(x, y, 0.0), turn)
 
 
-def posture(x, y, phi, constants):
-    s = skeleton(x, y, phi, constants)
-    return (
-        *s[:12],
-        arc_tangent(s[16] - s[13], s[15] - s[12]), arc_tangent(s[28] - s[25], s[27] - s[24]),
-        arc_tangent(s[40] - s[37], s[39] - s[36]),
-        *s[12:15], 0.0, 0.0, 1.0, *s[15:18], 0.0, 0.0, 1.0, *s[21:24], 0.0, 0.0, 1.0,
-        *s[24:27], 0.0, 0.0, 1.0, *s[27:30], 0.0, 0.0, 1.0, *s[33:36], 0.0, 0.0, 1.0,
-        *s[36:39], 0.0, 0.0, 1.0, *s[39:42], 0.0, 0.0, 1.0, *s[45:48], 0.0, 0.0, 1.0,
-    )  # fmt: skip
+class Positions(NamedTuple):
+    theta1: float
+    theta2: float
+    theta3: float
+
+
+def positions(at, k):
+    return Positions(turn_of(at.leg1), turn_of(at.leg2), turn_of(at.leg3))
+
+
+def turn_of(leg):
+    return arc_tangent(leg.b.y - leg.a.y, leg.b.x - leg.a.x)
+
+
+STRUCTURE = Structure(
+    Evaluated(points, Points),
+    place="p",
+    rotation="rotation",
+    chains=tuple(
+        SerialChain(
+            f"limb {k}",
+            (
+                Revolute(f"leg{k}.a", Z, drives=f"theta{k}"),
+                Revolute(f"leg{k}.b", Z),
+                Revolute(f"leg{k}.c", Z),
+            ),
+            bars=(f"leg{k}.a", f"leg{k}.b", f"leg{k}.c"),
+            spoke=f"leg{k}.c",
+        )
+        for k in (1, 2, 3)
+    ),
+    positions=Evaluated(positions, Positions),
+)
 
 
 class Planar(Mechanism):
@@ -126,11 +189,8 @@ class Planar(Mechanism):
     conditions: ClassVar = {"inverse": "crank and link in line", "forward": "links meet in a point"}
     working_modes = ("left", "right")
     kernel = staticmethod(kernel)
-    constant_count = 16
-    skeleton = staticmethod(skeleton)
-    posture = staticmethod(posture)
-    segments = (0, 0, 1, 1, 2, 2, PLATFORM, PLATFORM, PLATFORM)
-    spokes = (0, 1, 2)
+    constants = Constants
+    structure = STRUCTURE
     roles = ("x", "y", "yaw")
 
     def characteristic_length(self, parameters):
@@ -156,28 +216,18 @@ class Planar(Mechanism):
         ]
         return (*tubes, plate((0.2, 0.2, 0.01), 1.0).body("platform"))
 
-    def _flat(self, parameters, pose, mode=None):
+    def _points(self, parameters, pose, mode=None):
         constants = self.kernel_constants(parameters, self.check_mode(mode), 1.0, {})
-        return skeleton(*pose.values(), constants)
+        return points(*pose.values(), constants)
 
     def platform(self, parameters, pose, working_mode=None):
-        flat = self._flat(parameters, pose, working_mode)
-        return np.reshape(flat[3:12], (3, 3)), np.array(flat[:3])
-
-    def layout(self, parameters, pose, working_mode=None):
-        ends = np.reshape(self._flat(parameters, pose, working_mode)[12:48], (3, 2, 2, 3))
-        z = (np.array([0.0, 0.0, 1.0]),)
-        return tuple(
-            Chain(f"limb {k + 1}", (Joint("R", e[0, 0], z, drive=(f"theta{k + 1}", 0)),
-                                    Joint("R", e[0, 1], z), Joint("R", e[1, 1], z)))
-            for k, e in enumerate(ends)
-        )  # fmt: skip
+        at = self._points(parameters, pose, working_mode)
+        return np.reshape(at.rotation, (3, 3)), np.array(at.p)
 
     def reach(self, parameters, pose):
-        ends = np.reshape(self._flat(parameters, pose)[12:48], (3, 2, 2, 3))
         found = []
-        for k, e in enumerate(ends):
-            r = float(np.linalg.norm(e[1, 1] - e[0, 0]))
+        for k, leg in enumerate(self._points(parameters, pose)[:3]):
+            r = float(np.linalg.norm(np.subtract(leg.c, leg.a)))
             far = parameters["l1"] + parameters["l2"] - r
             near = r - abs(parameters["l1"] - parameters["l2"])
             text = "too far" if far < near else "too close"
@@ -189,11 +239,10 @@ class Planar(Mechanism):
             return ()
         found = []
         for mode in self.working_modes:
-            ends = np.reshape(self._flat(parameters, pose, mode)[12:48], (3, 2, 2, 3))
             joints = {}
-            for k, e in enumerate(ends):
-                along = e[0, 1] - e[0, 0]
-                joints[f"theta{k + 1}"] = wrap_angle(math.atan2(along[1], along[0]))
+            for k, leg in enumerate(self._points(parameters, pose, mode)[:3]):
+                along = minus(leg.b, leg.a)
+                joints[f"theta{k + 1}"] = wrap_angle(math.atan2(along.y, along.x))
             found.append(InverseSolution(mode, joints, {}))
         return tuple(found)
 
@@ -259,7 +308,8 @@ class Planar(Mechanism):
             middle, half = (low + high) / 2, (high - low) / 2
             least = -math.inf if half >= math.pi else l1 * math.cos(half)
             arcs += [math.cos(middle), math.sin(middle), least]
-        return [big, small, l1, l2, (l1 - l2) * (l1 + l2), sign, 1.0 / length, *arcs]
+        excess = (l1 - l2) * (l1 + l2)
+        return Constants(big, small, l1, l2, excess, sign, 1.0 / length, *arcs)
 
 
 MECHANISM = Planar()

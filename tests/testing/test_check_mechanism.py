@@ -9,7 +9,7 @@ import pytest
 from pmopt.errors import PmoptError
 from pmopt.mechanisms import find
 from pmopt.mechanisms.catalogue.cur import Cur
-from pmopt.mechanisms.catalogue.pauu_ppap import MECHANISM, PauuPpap, kernel, line
+from pmopt.mechanisms.catalogue.pauu_ppap import MECHANISM, STRUCTURE, PauuPpap, kernel, line
 from pmopt.mechanisms.catalogue.uu_upu import UuUpu
 from pmopt.mechanisms.mechanism import Coordinate, Parameter
 from pmopt.testing import MechanismError, check_mechanism, examine
@@ -228,8 +228,8 @@ BROKEN = {
     "an unknown role": ({"roles": ("x", "y", "up")}, "counts", "roles"),
     "a joint too few": ({"joints": PauuPpap.joints[:2]}, "counts", "pose"),
     "another number of freedoms": ({"freedom": "2T"}, "counts", "freedom"),
-    "a segment of no limb": ({"segments": (0, 0, 1, 7, -1, -1)}, "counts", "segments"),
-    "a spoke too few": ({"spokes": (0,)}, "counts", "spokes"),
+    "chains of other limbs": (
+        {"structure": replace(STRUCTURE, chains=STRUCTURE.chains[::-1])}, "counts", "structure"),
     "a cone of no joint": ({"cones": ("U_C1", "U_D1", "U_C2", "U_9")}, "counts", "cones"),
     "gravity of no size": ({"down": (0.0, 0.0, -2.0)}, "counts", "down"),
     "limits of no joint": ({"default_limits": limits_of_nothing}, "ranges", "default_limits"),
@@ -331,7 +331,7 @@ class Followed(Cur):
 
     followed: ClassVar = {
         name: tuple((limb, number, -weight) for limb, number, weight in terms)
-        for name, terms in Cur.followed.items()
+        for name, terms in find("3-cur").followed.items()
     }
 
 

@@ -42,23 +42,11 @@ X = Vec3(1.0, 0.0, 0.0)
 Y = Vec3(0.0, 1.0, 0.0)
 Z = Vec3(0.0, 0.0, 1.0)
 MINUS_Y = Vec3(0.0, -1.0, 0.0)
-#: No rotation, row by row.
-LEVEL = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def least(a, b):
     """Return the lesser number; b where one is no number."""
     return a if a < b else b
-
-
-def xyz(a):
-    """Return a vector's numbers as a plain tuple: numba puts no others together."""
-    return (a.x, a.y, a.z)
-
-
-def row_by_row(r):
-    """Return a rotation's numbers as a plain tuple."""
-    return (r.xx, r.xy, r.xz, r.yx, r.yy, r.yz, r.zx, r.zy, r.zz)
 
 
 def axis_z(r):

@@ -133,12 +133,15 @@ class Mechanism(Named, ABC):
 
     @property
     def segments(self) -> tuple[int, ...]:
-        """Limb (from 0) of each segment of the skeleton; PLATFORM for the platform's own."""
+        """Limb (from 0) of each segment of the skeleton, as compiled programs take it.
+
+        PLATFORM stands for the platform's own.
+        """
         return tuple(segment.limb for segment in self.structure.segments)
 
     @property
     def spokes(self) -> tuple[int, ...]:
-        """For each platform segment, in order, the limb that is joined to its far end."""
+        """Limb at the far end of each of the platform's segments, as compiled programs take it."""
         return tuple(s.meets for s in self.structure.segments if s.limb == PLATFORM)
 
     @property

@@ -92,6 +92,7 @@ def _add(registry: Registry, entry: EntryPoint) -> None:
         reason = "" if isinstance(mechanism, Mechanism) else "it is no Mechanism"
         if isinstance(mechanism, type) and issubclass(mechanism, Mechanism):
             reason = "it is a class: the entry point has to name an instance"
+        reason = reason or fault_of(mechanism)
         key = "" if reason else _key(mechanism.name)
         if not reason and not key:
             reason = f"its name {mechanism.name!r} has no letter or digit"
@@ -106,6 +107,18 @@ def _add(registry: Registry, entry: EntryPoint) -> None:
     else:
         registry.found[key] = mechanism
         registry.foreign.add(key)
+
+
+def fault_of(mechanism: Mechanism) -> str:
+    """Return why a mechanism's structure cannot be used, "" where it can.
+
+    A name in it that nothing has is an error that gives the nearest.
+    """
+    if getattr(mechanism, "structure", None) is None:
+        return "it declares no structure, from which layout, skeleton and posture come"
+    for made in ("skeleton", "posture", "followed"):
+        getattr(mechanism, made)
+    return ""
 
 
 def names() -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import program_text
-from pmopt.compiler.program_text import PLACE, Recipe
+from pmopt.compiler.program_text import Recipe
 from pmopt.compiler.records import flat
 from pmopt.mechanisms.mechanism import PLATFORM, Chain, JointKind, Mechanism
 from pmopt.testing.findings import Comparison, Examination
@@ -141,20 +141,10 @@ def _counts(c: Comparison, mechanism: Mechanism) -> None:
                 place,
             )
         c.require(len(set(roles)) == len(roles), f"twice the same: {roles}", place)
-    limbs = len(mechanism.limbs)
-    for place, numbers, least in (
-        ("segments", mechanism.segments, PLATFORM),
-        ("spokes", mechanism.spokes, 0),
-    ):
-        for number in numbers:
-            c.require(
-                least <= number < limbs, f"{number} is no limb: {least} to {limbs - 1} are", place
-            )
-    own = mechanism.segments.count(PLATFORM)
+    limbs = [limb.name for limb in mechanism.limbs]
+    chains = [chain.name for chain in mechanism.structure.chains]
     c.require(
-        len(mechanism.spokes) == own,
-        f"{len(mechanism.spokes)} spokes for {own} segments of the platform",
-        "spokes",
+        limbs == chains, f"chains of {', '.join(chains)}, limbs are {', '.join(limbs)}", "structure"
     )
     called = {name for limb in mechanism.limbs for name in limb.joint_names}
     for name in mechanism.cones if called else ():
@@ -256,13 +246,12 @@ def check_lengths(found: Examination, subject: Subject) -> None:
     home = tuple(subject.home.values())
     constants = subject.constants(mode, 1.0, subject.limits)
     with found.check("skeleton-length", "skeleton", "length of what the skeleton returns") as c:
-        wanted = PLACE + 6 * len(mechanism.segments) + len(mechanism.cones)
+        wanted = mechanism.structure.skeleton_row.size
         row = mechanism.skeleton(*home, constants)
         c.require(
             len(row) == wanted,
-            f"returns {len(row)} numbers: {PLACE} of the platform, "
-            f"6 x {len(mechanism.segments)} of segments and {len(mechanism.cones)} of cones "
-            f"are {wanted}",
+            f"returns {len(row)} numbers: platform, {len(mechanism.structure.segments)} segments "
+            f"and {len(mechanism.cones)} cones are {wanted}",
         )
     if mechanism.line is not None:
         with found.check("line-length", "line", "length of what the line returns") as c:
@@ -282,14 +271,12 @@ def check_lengths(found: Examination, subject: Subject) -> None:
         return
     if mechanism.posture is not None:
         with found.check("posture-length", "posture", "length of what the posture returns") as c:
-            parts = [3 + 3 * (AXES[j.kind] + (j.kind == "Pa")) for x in chains for j in x.joints]
-            wanted = PLACE + n + len(mechanism.followed) + sum(parts)
+            wanted = mechanism.structure.posture_row.size
             row = mechanism.posture(*home, constants)
             c.require(
                 len(row) == wanted,
-                f"returns {len(row)} numbers: {PLACE} of the platform, {n} of actuated and "
-                f"{len(mechanism.followed)} of followed joints and {sum(parts)} of the "
-                f"layout are {wanted}",
+                f"returns {len(row)} numbers: platform, {n} actuated and "
+                f"{len(mechanism.followed)} followed joints and the layout are {wanted}",
             )
     with found.check("bodies", "bodies", "masses, inertias and joints of bodies") as c:
         _bodies(c, subject, chains)

@@ -9,7 +9,6 @@ import numpy as np
 
 from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.mobility import screws
-from pmopt.compiler.program_text import PLACE
 from pmopt.mechanisms.mechanism import PLATFORM, Chain, Joint, Matrix, Vector
 from pmopt.testing.declarations import ROLES
 from pmopt.testing.findings import Examination
@@ -256,7 +255,8 @@ def check_posture(found: Examination, subject: Subject) -> None:
 def check_skeleton(found: Examination, subject: Subject) -> None:
     """The skeleton's platform is the platform; its segments end where joints and others do."""
     mechanism, unit = subject.mechanism, subject.mechanism.length_unit
-    ends = PLACE + 6 * len(mechanism.segments)
+    row = mechanism.structure.skeleton_row
+    declared = mechanism.structure.segments
     compared = "platform, segments and cones against platform and layout"
     with found.check("skeleton", "skeleton", compared, _PLACED) as c:
         for sample in subject.samples:
@@ -265,51 +265,47 @@ def check_skeleton(found: Examination, subject: Subject) -> None:
             flat = np.array(mechanism.skeleton(*sample.pose.values(), constants), dtype=float)
             rotation, place = mechanism.platform(subject.parameters, sample.pose, sample.mode)
             c.agree(
-                float(np.abs(flat[:3] - place).max() / subject.size),
-                f"the platform is at {flat[:3]} {unit}, not at {np.asarray(place)}",
+                float(np.abs(flat[row.place] - place).max() / subject.size),
+                f"the platform is at {flat[row.place]} {unit}, not at {np.asarray(place)}",
             )
             c.agree(
-                float(np.abs(flat[3:12].reshape(3, 3) - rotation).max()),
+                float(np.abs(flat[row.rotation].reshape(3, 3) - rotation).max()),
                 "the platform's rotation is not that of platform",
             )
-            segments = flat[PLACE:ends].reshape(-1, 2, 3)
-            spokes = iter(mechanism.spokes)
+            segments = flat[row.segments].reshape(-1, 2, 3)
             chains = mechanism.layout(subject.parameters, sample.pose, sample.mode)
-            for k, (limb, (start, end)) in enumerate(
-                zip(mechanism.segments, segments, strict=True)
-            ):
-                if limb == PLATFORM:
+            for segment, (start, end) in zip(declared, segments, strict=True):
+                which = f"the segment from {segment.start} to {segment.end}"
+                if segment.limb == PLATFORM:
                     c.agree(
                         _distance(start, place) / subject.size,
-                        f"segment {k} of the platform does not begin at its centre",
+                        f"{which} does not begin at the platform's centre",
                     )
-                    met = next(spokes)
+                    limb = mechanism.limbs[segment.meets].name
                     far = [
-                        s[1] for m, s in zip(mechanism.segments, segments, strict=True) if m == met
+                        ends[1]
+                        for other, ends in zip(declared, segments, strict=True)
+                        if other.limb == segment.meets
                     ]
                     gap = min((_distance(end, f) for f in far), default=np.inf)
-                    c.agree(
-                        gap / subject.size,
-                        f"segment {k} of the platform ends {gap:.3g} {unit} off limb {met}",
-                        "spokes" if not far else "",
-                    )
+                    c.agree(gap / subject.size, f"{which} ends {gap:.3g} {unit} off {limb}")
                     continue
                 for what, point in (("begins", start), ("ends", end)):
-                    gap = min(_off(point, joint) for joint in chains[limb].joints)
+                    chain = chains[segment.limb]
+                    gap = min(_off(point, joint) for joint in chain.joints)
                     gap = min(gap, _distance(point, place))  # a link that is the platform
                     c.agree(
                         gap / subject.size,
-                        f"segment {k} {what} {gap:.3g} {unit} off every joint of "
-                        f"{chains[limb].name}",
+                        f"{which} {what} {gap:.3g} {unit} off every joint of {chain.name}",
                     )
-            cosines = flat[ends:]
+            cosines = flat[row.cones]
             c.require(bool((np.abs(cosines) <= 1 + 1e-9).all()), f"{cosines} are no cosines")
     with found.check("cones", "cones", "cone angles at home against 0", _PLACED) as c:
         mode = mechanism.working_modes[0]
         flat = np.array(
             mechanism.skeleton(*subject.home.values(), subject.constants(mode, 1.0, subject.limits))
         )
-        for name, cosine in zip(mechanism.cones, flat[ends:], strict=True):
+        for name, cosine in zip(mechanism.cones, flat[row.cones], strict=True):
             c.agree(abs(cosine - 1), f"{name} has the cosine {cosine:.6g} at home, 1 is declared")
 
 

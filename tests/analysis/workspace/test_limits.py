@@ -26,9 +26,14 @@ def skeleton(mechanism, params, pose):
     flat = np.array(
         mechanism.skeleton(*pose.values(), ready(mechanism, params, mechanism.working_modes[0]))
     )
-    ends = 12 + 6 * len(mechanism.segments)
-    assert len(flat) == ends + len(mechanism.cones)
-    return flat[:3], flat[3:12].reshape(3, 3), flat[12:ends].reshape(-1, 2, 3), flat[ends:]
+    row = mechanism.structure.skeleton_row
+    assert len(flat) == row.size == 12 + 6 * len(mechanism.segments) + len(mechanism.cones)
+    return (
+        flat[row.place],
+        flat[row.rotation].reshape(3, 3),
+        flat[row.segments].reshape(-1, 2, 3),
+        flat[row.cones],
+    )
 
 
 def test_skeleton_is_where_the_platform_is(mechanism):

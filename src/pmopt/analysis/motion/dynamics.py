@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import programs
 from pmopt.compiler.machine_code import Compiled
-from pmopt.compiler.program_text import PLACE
 from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.execution.threads import default_threads, ordered_map
@@ -175,14 +174,13 @@ class Mover:
 
     def _tables(self) -> None:
         mechanism = self.mechanism
-        n = len(mechanism.joints)
         own = mechanism.resolve({})
         chains = mechanism.layout(own, mechanism.home(own))
         joints: list[list[int]] = []
         limbs: list[list[int]] = []
         drives: dict[str, int] = {}
         starts: list[int] = []  # number of each limb's first joint
-        place = PLACE + n + len(mechanism.followed)
+        place = mechanism.structure.posture_row.layout.start
         column = 0
         for i, chain in enumerate(chains):
             starts.append(len(joints))
@@ -261,6 +259,7 @@ class Mover:
         scaled = [np.ascontiguousarray(a * factor) for a in (rates, accelerations)]
         poses = np.ascontiguousarray(poses)
         followed = len(self._followed)
+        row = self.mechanism.structure.posture_row
         joints, passive = np.empty((count, n)), np.empty((count, followed))
         turned, swung = np.empty((2, count, n)), np.zeros((2, count, followed))
         platform = np.empty((count, 3, 6))
@@ -304,8 +303,8 @@ class Mover:
                 ),
                 *_scratch(len(self._joints), columns, len(self._limbs), n),
             )
-            joints[part] = stance[:, PLACE : PLACE + n]
-            passive[part] = stance[:, PLACE + n : PLACE + n + followed]
+            joints[part] = stance[:, row.joints]
+            passive[part] = stance[:, row.followed]
             turned[:, part] = moved[:, self._drives].transpose(2, 0, 1)
             for k, terms in enumerate(self._followed):
                 for c, weight in terms:

@@ -100,10 +100,10 @@ def draw_mechanism(
 
 
 class _Scene(NamedTuple):
-    """What is drawn at one pose: skeleton (flat), its segments and the joints of every limb."""
+    """What is drawn at one pose: the platform's centre, segments and the joints of every limb."""
 
     mode: str
-    flat: NDArray[np.float64]
+    place: NDArray[np.float64]
     segments: NDArray[np.float64]
     chains: tuple[Chain, ...]
 
@@ -119,9 +119,9 @@ def _scene(
     constants = mechanism.kernel_constants(parameters, mode, 1.0, {})
     with np.errstate(over="ignore", invalid="ignore"):  # as in compiled code
         flat = np.array(mechanism.skeleton(*pose.values(), constants))
-    first = 12
-    segments = flat[first : first + 6 * len(mechanism.segments)].reshape(-1, 2, 3)
-    return _Scene(mode, flat, segments, mechanism.layout(parameters, pose, mode))
+    row = mechanism.structure.skeleton_row
+    segments = flat[row.segments].reshape(-1, 2, 3)
+    return _Scene(mode, flat[row.place], segments, mechanism.layout(parameters, pose, mode))
 
 
 def _order(mechanism: Mechanism) -> list[int]:
@@ -138,15 +138,14 @@ def _new_axes(figure: Any) -> Any:
 
 def _draw_scene(axes: Any, mechanism: Mechanism, scene: _Scene) -> list[_Label]:
     """Draw links, joints and platform; return the names of the joints."""
-    order, flat, segments = _order(mechanism), scene.flat, scene.segments
-    corners = [
-        end[1] for limb, end in zip(mechanism.segments, segments, strict=True) if limb == PLATFORM
-    ]
-    _draw_platform(axes, np.reshape(corners, (-1, 3))[:, order], flat[:3][order])
-    labels: list[_Label] = [_Label(flat[:3][order], "P", INK)]
+    order, place = _order(mechanism), scene.place
+    segments = list(zip(mechanism.structure.segments, scene.segments, strict=True))
+    corners = [ends[1] for segment, ends in segments if segment.limb == PLATFORM]
+    _draw_platform(axes, np.reshape(corners, (-1, 3))[:, order], place[order])
+    labels: list[_Label] = [_Label(place[order], "P", INK)]
     for number, chain in enumerate(scene.chains):
         colour = _LIMBS[number % len(_LIMBS)]
-        own = [s for limb, s in zip(mechanism.segments, segments, strict=True) if limb == number]
+        own = [ends for segment, ends in segments if segment.limb == number]
         joints = [joint.point for joint in chain.joints]
         if own:
             # A column or rail along which the first joint slides.
@@ -271,7 +270,7 @@ def draw_frames(
     mode = mechanism.check_mode(working_mode)
     scenes = [_scene(mechanism, parameters, pose, mode) for pose in poses]
     places = np.concatenate([scene.places(mechanism) for scene in scenes])
-    centres = np.array([scene.flat[:3] for scene in scenes])[:, _order(mechanism)]
+    centres = np.array([scene.place for scene in scenes])[:, _order(mechanism)]
     pulled = mechanism.down if gravity is None else gravity
     with new_figure(_WIDTH, _MOST) as figure:
         figure.set_dpi(_FRAME_DPI)
@@ -420,7 +419,7 @@ def _write_beside(figure: Any, axes: Any, mechanism: Mechanism, chains: Any, gra
                label=f"{limb.name}: {limb.joints}")
         for k, limb in enumerate(mechanism.limbs)
     ]  # fmt: skip
-    if sum(limb == PLATFORM for limb in mechanism.segments) == 2:
+    if sum(segment.limb == PLATFORM for segment in mechanism.structure.segments) == 2:
         limbs.append(Line2D([], [], color=INK, linewidth=6, label="platform"))
     else:
         limbs.append(Patch(facecolor=_PLATFORM, edgecolor=INK, label="platform"))

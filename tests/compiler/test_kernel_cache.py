@@ -139,6 +139,8 @@ from pmopt.compiler import programs
 for name in names():
     mechanism = find(name)
     print(name, "assembly", programs.assembling(mechanism.assembler).folder.name)
+    if mechanism.inverter is not None:
+        print(name, "inverse", programs.assembling(mechanism.inverter).folder.name)
     for sampler in ("r-sequence", *(["lines"] if mechanism.line else [])):
         settings = WorkspaceSettings(
             sampler=sampler, link_diameter=0.1, cone_angle=1.0 if mechanism.cones else None)
@@ -159,12 +161,13 @@ EDITS = {
     "kernels/cells.py": ("range(", "range(0 + "),
     "kernels/octics.py": ("60", "61"),
     "kernels/assembly.py": ("0.0", "0.125"),
-    **{f"{CATALOGUE}/{p.name}": ("1.0", "1.5") for p in (SOURCE / CATALOGUE).glob("*_*.py")
-       if "MECHANISM =" in p.read_text(encoding="utf-8")},
+    **{f"{CATALOGUE}/{name}.py": ("1.0", "1.5")
+       for name in ("ups_rps", "ups_sp", "uu_upu_inverse", "cur_inverse")},
+    **{f"{CATALOGUE}/{p.name}": ("1.0", "1.5") for p in (SOURCE / CATALOGUE).glob("*_kernel.py")},
     **{f"{CATALOGUE}/{p.name}": ("0.5", "0.75")
        for p in (SOURCE / CATALOGUE).glob("*_forward.py")},
     f"{CATALOGUE}/pauu_ppap.py": ("0.5 *", "0.25 *"),
-    f"{CATALOGUE}/cur.py": ("1.0", "1.5"),
+    f"{CATALOGUE}/cur_structure.py": ("ra * CUR_C2", "ra * CUR_S2"),
 }  # fmt: skip
 
 

@@ -7,8 +7,93 @@ form, is such a function of a pose. :func:`pmopt.compiler.programs.assembling` c
 """
 
 import math
+from typing import NamedTuple
 
 from pmopt.kernels.trigonometry import arc_tangent
+from pmopt.kernels.vectors import Vec3
+
+TINY = 1e-300
+#: How far the equations are looked at on both sides of a mode, along its heading.
+ASSEMBLY_STEP = 1e-3
+#: Distance of a twin up to which it is sought, over the length at which equations bend.
+ASSEMBLY_NEAR = 0.15
+
+
+class Adjugate(NamedTuple):
+    """Adjugate of a slope of three equations by three unknowns, and its determinant.
+
+    ``yx`` is row y, column x.
+    """
+
+    xx: float
+    xy: float
+    xz: float
+    yx: float
+    yy: float
+    yz: float
+    zx: float
+    zy: float
+    zz: float
+    det: float
+
+
+class Heading(NamedTuple):
+    """Where the equations hardly change at a mode."""
+
+    there: bool
+    way: Vec3  # direction that the slope hardly moves
+    weights: Vec3  # sum of equations that it hardly reaches
+    along: float  # what of that changes by a unit along the way
+
+
+def assembly_solved(adj, f):  # type: ignore[no-untyped-def]
+    """Return the step of Newton's method that equations f call for."""
+    unit = -adj.det / (adj.det * adj.det + TINY)
+    return Vec3(
+        unit * (adj.xx * f.x + adj.xy * f.y + adj.xz * f.z),
+        unit * (adj.yx * f.x + adj.yy * f.y + adj.yz * f.z),
+        unit * (adj.zx * f.x + adj.zy * f.y + adj.zz * f.z),
+    )
+
+
+def assembly_size(a):  # type: ignore[no-untyped-def]
+    """Return a vector's length."""
+    return math.sqrt(a.x * a.x + a.y * a.y + a.z * a.z)
+
+
+def assembly_heading(adj):  # type: ignore[no-untyped-def]
+    """Return where the equations hardly change.
+
+    Near a singularity the adjugate tends to a product of the directions that the slope hardly
+    moves and that it hardly reaches: its largest column and row.
+    """
+    best = 0.0
+    row = 0
+    column = 0
+    for i in range(3):
+        for j in range(3):
+            if abs(adj[3 * i + j]) > best:
+                best = abs(adj[3 * i + j])
+                row = i
+                column = j
+    x, y, z = adj[column], adj[3 + column], adj[6 + column]
+    size = math.sqrt(x * x + y * y + z * z)
+    size = size if best > TINY else 1.0
+    way = Vec3(x / size, y / size, z / size)
+    weights = Vec3(adj[3 * row], adj[3 * row + 1], adj[3 * row + 2])
+    # adj(J) J = det: the row times J is det along axis ``row``.
+    return Heading(best > TINY, way, weights, way[row] * adj.det)
+
+
+def assembly_apart(heading, bend):  # type: ignore[no-untyped-def]
+    """Return how far along its heading a mode may have a twin, and whether that is near.
+
+    Two modes that meet at a singularity are the zeros of a parabola there. ``bend`` is the sum of
+    its heights at ASSEMBLY_STEP on both sides of the mode.
+    """
+    bend = bend / (ASSEMBLY_STEP * ASSEMBLY_STEP)
+    near = heading.there and abs(heading.along) < ASSEMBLY_NEAR * abs(bend)
+    return -2.0 * heading.along / (bend if near else 1.0), near
 
 
 def assembly_angles(r):  # type: ignore[no-untyped-def]

@@ -18,8 +18,8 @@ from pmopt.mechanisms import catalogue
 from pmopt.mechanisms.mechanism import Mechanism
 
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
-#: Ends the names of modules that hold a mechanism's forward kinematics.
-_PART = "_forward"
+#: End the names of modules that hold a part of a mechanism: its kernel text, kinematics, structure.
+_PARTS = ("_kernel", "_inverse", "_forward", "_configuration", "_structure")
 #: What holds a plug-in's mechanism against itself before it is used: module and function. Given by
 #: name, as it is built on the analyses, which are built on mechanisms.
 _GUARD = ("pmopt.testing.kept", "require_checked")
@@ -72,7 +72,7 @@ def collect(mechanisms: list[Mechanism]) -> dict[str, Mechanism]:
 def _registry() -> Registry:
     own: list[Mechanism] = []
     for info in pkgutil.iter_modules(catalogue.__path__):
-        if not info.name.endswith(_PART):
+        if not info.name.endswith(_PARTS):
             own.append(importlib.import_module(f"{catalogue.__name__}.{info.name}").MECHANISM)
     registry = Registry(collect(own))
     for entry in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda e: (e.name, e.value)):

@@ -24,7 +24,7 @@ from pmopt.compiler.tracing import Graph, Untraceable, trace
 from pmopt.errors import InputError
 from pmopt.kernels import affine_forms
 from pmopt.mechanisms import find
-from pmopt.mechanisms.catalogue import cur, uu_upu
+from pmopt.mechanisms.catalogue import cur_kernel, uu_upu_kernel
 
 CODE = programs.enclosing()
 getcontext().prec = 60
@@ -231,7 +231,7 @@ def test_curve_of_configurations(mode):
     geometry = constants_of(find("2uu-upu"), design).geometry
     places = []
     for pose in poses.T.tolist():
-        turn = uu_upu.uup_pose(*pose, geometry).turn
+        turn = uu_upu_kernel.uup_pose(*pose, geometry).turn
         mu = math.sqrt(1 - (math.cos(pose[1]) * math.sin(pose[2])) ** 2)
         places.append([math.atan2(turn.sphi / mu, turn.ck * turn.cphi / mu), *pose[1:]])
     points = (np.array(places) - enclosure.lower) / enclosure.width
@@ -255,7 +255,7 @@ def test_solutions_lie_in_their_tubes():
     points = sheet._cell_centres[cells] + sheet._cell_halves[cells] * place
     tilts = sheet.lower[1:] + sheet.width[1:] * points
     constants = constants_of(find("3-cur"), design)
-    found = np.array([cur.cur_start(0.3, *tilt, constants) for tilt in tilts.tolist()])
+    found = np.array([cur_kernel.cur_start(0.3, *tilt, constants) for tilt in tilts.tolist()])
     off = np.abs(found - tubes.at(cells, place))
     assert (off <= tubes.tight[cells] + 1e-12).all()
     assert (off.max(axis=0) > 1e-6).all()  # the radius is needed
@@ -280,7 +280,7 @@ def at_places(sampler, design, enclosure, points):
     exists = np.zeros(len(points), dtype=bool)
     for k, place in enumerate(places.tolist()):
         try:
-            found[k] = uu_upu.uup_of_v(*place, constants)[:2]
+            found[k] = uu_upu_kernel.uup_of_v(*place, constants)[:2]
             exists[k] = True
         except ValueError:  # links too short
             pass
@@ -297,7 +297,7 @@ def kernel_places(design, poses):
     geometry = constants_of(find("2uu-upu"), design).geometry
     places = []
     for pose in poses.tolist():
-        turn = uu_upu.uup_pose(*pose, geometry).turn
+        turn = uu_upu_kernel.uup_pose(*pose, geometry).turn
         mu = math.sqrt(1 - (math.cos(pose[1]) * math.sin(pose[2])) ** 2)
         places.append(math.atan2(turn.sphi / mu, turn.ck * turn.cphi / mu))
     return np.array(places)
@@ -349,7 +349,7 @@ def test_columns_are_told_right(params, given):
         assert params.get("bs", 1.0) < params.get("ps", 0.0) or not missed.any()
         for place in (enclosure.lower + enclosure.width * points)[missed].tolist():
             assert abs(math.cos(place[1]) * math.sin(place[2])) < 0.01
-            way = [uu_upu.uup_of_v(place[0] * k / 500, *place[1:], constants)
+            way = [uu_upu_kernel.uup_of_v(place[0] * k / 500, *place[1:], constants)
                    for k in range(501)]  # fmt: skip
             assert min(one[1] for one in way) > 0 and way[-1][2] >= 0
         assert (found[low == 1, 1] >= -1e-12).all()

@@ -32,6 +32,7 @@ from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
 from pmopt.numerics.elementary import exp_of
 from pmopt.numerics.matrices import decomposed, determinant, inverse, product
+from pmopt.quantity import Quantity
 from pmopt.units import ONE, exact
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class CertifiedVolume(OfSubject):
 
     Attributes
     ----------
-    lower, upper : float
+    lower, upper : Quantity
         Of the volume, proven.
     gap : float
         (upper - lower) / upper, 0 for an empty workspace.
@@ -88,8 +89,8 @@ class CertifiedVolume(OfSubject):
         What the index is of.
     """
 
-    lower: float
-    upper: float
+    lower: Quantity
+    upper: Quantity
     gap: float
     target: float
     boxes: int
@@ -134,8 +135,8 @@ class CertifiedVolume(OfSubject):
                 "value": (self.lower + self.upper) / 2,
                 "unit": self.volume_unit,
                 "error_bound": _above((self.upper - self.lower) / 2),
-                "lower": self.lower,
-                "upper": self.upper,
+                "lower": self.lower.value,
+                "upper": self.upper.value,
             },
             "lci": None if self.index is None else self.index.to_dict(),
             "norm": self.norm,
@@ -213,8 +214,8 @@ def certify_volume(
     units |= dict.fromkeys(("volume", "lower", "upper"), mechanism.volume_unit)
     return CertifiedVolume(
         subject=sampler.space.subject(design),
-        lower=lower,
-        upper=upper,
+        lower=Quantity(lower, 0.0, mechanism.volume_unit, ">="),
+        upper=Quantity(upper, 0.0, mechanism.volume_unit, "<="),
         gap=_relative(lower, upper),
         target=gap,
         boxes=found.examined,

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from pmopt.reporting.tables.table import uncertain
+from pmopt.quantity import uncertain
 
 #: How many combined standard errors two measurements of one thing may be apart.
 ERRORS = 3.0

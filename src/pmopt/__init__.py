@@ -3,7 +3,7 @@
 >>> import pmopt
 >>> design = pmopt.mechanism("2pauu-ppap").design(l1=0.8)
 >>> result = design.workspace(samples=1_000_000)
->>> result.volume.value, result.volume.error
+>>> result.volume  # prints as 4.590 ± 0.012 m^3
 
 The names below are loaded on first use, so that ``import pmopt`` costs nothing.
 """
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         warmup,
         workspace,
     )
+    from pmopt.api.inputs import Limits, Sampling
     from pmopt.api.results.certification import CertifiedVolume, Claim
     from pmopt.api.results.kinematics import (
         ForwardResult,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
         PmoptError,
         UnreachableError,
     )
+    from pmopt.quantity import Quantity
 
 #: Names by the module that has them.
 _PLACES = {
@@ -65,6 +67,8 @@ _PLACES = {
         "ik", "jacobian", "mechanism", "mechanism_names", "mjcf", "mobility", "motion", "pareto",
         "simulate", "singularities", "warmup", "workspace",
     ),
+    "pmopt.api.inputs": ("Limits", "Sampling"),
+    "pmopt.quantity": ("Quantity",),
     "pmopt.errors": (
         "InfeasibleError", "InputError", "InputErrors", "PmoptError", "UnreachableError",
     ),
@@ -91,11 +95,14 @@ __all__ = [
     "InputErrors",
     "InverseResult",
     "JacobianResult",
+    "Limits",
     "MechanismHandle",
     "MobilityResult",
     "MotionRun",
     "ParetoRun",
     "PmoptError",
+    "Quantity",
+    "Sampling",
     "SimulationRun",
     "SingularityResult",
     "Subject",

@@ -21,9 +21,10 @@ from pmopt.inputs.fields import Unit
 #: Keywords of each analysis, its settings and what stands beside them.
 READ = {
     keywords.WorkspaceOptions: (
-        settings.WorkspaceSettings, {"seed", "threads", "shape_grid", "scheduler"},
+        settings.WorkspaceSettings,
+        {"sampling", "seed", "threads", "shape_grid", "scheduler"},
     ),
-    keywords.SingularityOptions: (settings.SingularitySettings, {"threads"}),
+    keywords.SingularityOptions: (settings.SingularitySettings, {"sampling", "threads"}),
     keywords.SectionOptions: (settings.SectionSettings, {"threads", "resolution"}),
     keywords.CertifyOptions: (settings.ClaimSettings, set()),
     keywords.CertifyVolumeOptions: (settings.VolumeSettings, set()),
@@ -148,6 +149,14 @@ paper = pmopt.mechanism("2pauu-ppap").design(l1=0.8, l2="1.1m", h=None)
 limits = {"theta1": (-0.5, 1.5)}
 found = paper.workspace(samples=4096, limits=limits, domain={"z": ("1.2m", 1.5)}, norm="fro")
 volume: float = found.volume.value
+twice: float = 2 * found.volume + found.gci
+text: str = f"{found.volume} {found.volume:.3f} {found.volume.unit} {found.smallest.sign}"
+exact: bool = found.volume == 0 or found.volume > volume
+error_of_a_share: float = found.regions[0].share.error
+quantity: pmopt.Quantity = found.volume
+sampling = pmopt.Sampling.to_error(1e-4, sampler="sobol")
+joints = pmopt.Limits(theta1=(-0.5, 1.5), theta2_deg=("-30", 80))
+with_objects = paper.workspace(sampling=sampling, limits=joints, domain=pmopt.Limits(z=(1, 2)))
 document: dict[str, object] = found.to_dict()
 same: pmopt.WorkspaceResult = pmopt.workspace("2pauu-ppap", {"l1": 0.8}, target_error=1e-3, seed=2)
 more = pmopt.workspace("2pauu-ppap", sampler="lines", tool=(0, 0, 0.1), cone_angle_deg=40)
@@ -192,6 +201,10 @@ pmopt.warmup("2pauu-ppap", thread=2)
 pmopt.mechanism("2pauu-ppap").desing(l1=0.8)
 pmopt.wrokspace("2pauu-ppap")
 paper.workspace(sampels=4096)
+paper.workspace(sampling=4096)
+paper.workspace(sampling=pmopt.Sampling(sampels=4096))
+paper.workspace(sampling=pmopt.Sampling.to_error(1e-3, sampler="sobel"))
+paper.workspace(limits=pmopt.Limits(theta1=0.5))
 paper.singularities(sampels=4096)
 paper.certify(sampels=4096)
 paper.sections(samples=4096)
@@ -200,6 +213,8 @@ paper.jacobian({"x": 0}, nrom="fro")
 paper.motion({}, frce=True)
 found.volum
 found.volume.valeu
+found.volume.unti
+found.regions[0].share.erorr
 """
 
 

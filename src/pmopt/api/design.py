@@ -11,15 +11,15 @@ from pmopt.analysis.kinematics.forward import forward_kinematics
 from pmopt.analysis.kinematics.inverse import inverse_kinematics, reached
 from pmopt.analysis.kinematics.jacobian import jacobian_at
 from pmopt.analysis.reads import Own, Reads
-from pmopt.analysis.settings import TaskSettings, WorkspaceSettings
+from pmopt.analysis.settings import SingularitySettings, TaskSettings, WorkspaceSettings
 from pmopt.analysis.validation import read_config, validated
+from pmopt.api.inputs import Number, with_sampling
 from pmopt.api.keywords import (
     CapabilityOptions,
     CertifyOptions,
     CertifyVolumeOptions,
     JacobianOptions,
     MobilityOptions,
-    Number,
     Params,
     Ranges,
     RunOptions,
@@ -224,8 +224,9 @@ class Design:
         from pmopt.api.results.workspace import WorkspaceResult
         from pmopt.execution.cluster import connect
 
+        given = with_sampling(options, "workspace", frozenset())
         settings = self._settings(
-            options, "workspace", ("seed", "threads", "shape_grid", "scheduler")
+            given, "workspace", ("seed", "threads", "shape_grid", "scheduler")
         )
         with connect(options.get("scheduler")) as cluster:
             result = compute_workspace(
@@ -282,7 +283,8 @@ class Design:
         from pmopt.analysis.singularities.survey import READS, find_singularities
         from pmopt.api.results.singularities import SingularityResult
 
-        asked = self._read(READS, options, ("threads",))
+        given = with_sampling(options, "singularities", SingularitySettings.OWN)
+        asked = self._read(READS, given, ("threads",))
         settings = asked.of_workspace()
         found = find_singularities(
             self.mechanism,

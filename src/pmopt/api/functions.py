@@ -155,7 +155,8 @@ def workspace(
     params : mapping, optional
         Design parameters; those left out take their defaults.
     **options
-        ``samples``, ``sampler``, ``grid``, ``target_error``, ``working_mode``, ``norm``,
+        ``sampling``: a :class:`pmopt.Sampling`, or its ``samples``, ``sampler``, ``grid``,
+        ``target_error``; ``working_mode``, ``norm``,
         ``jacobian``, ``domain``, ``limits``, .. of
         :class:`pmopt.analysis.settings.WorkspaceSettings`; ``seed``, ``threads``, ``shape_grid``
         and ``scheduler``, see :class:`pmopt.api.keywords.WorkspaceOptions`.

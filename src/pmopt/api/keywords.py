@@ -14,13 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, ParamSpec, TypedDict, TypeVar
 
 from pmopt.analysis.settings import Norm, WorkspaceSettings
+from pmopt.api.inputs import Ends, Number, Sampling
 from pmopt.errors import unknown_name
 from pmopt.mechanisms.mechanism import JacobianKind
 
-#: A number in the mechanism's unit (rad, s), or a text with a unit: ``0.65``, ``"650mm"``.
-Number = float | str
-#: A lower and an upper end.
-Ends = tuple[Number, Number] | Sequence[float] | list[str]
 #: Ends by the name of a coordinate, an angle also in degrees under its name with ``_deg``.
 Ranges = Mapping[str, Ends]
 #: Values by the name of a coordinate or parameter, an angle also under its name with ``_deg``.
@@ -65,6 +62,7 @@ class _Checks(TypedDict, total=False):
 class WorkspaceOptions(_Place, _Index, _Checks, total=False):
     """Keywords of :func:`pmopt.workspace`.
 
+    ``sampling``: a :class:`pmopt.Sampling` in the place of its single keywords;
     ``shape_grid``: cells per axis on which pieces and voids are counted, 0 leaves the shape out;
     ``scheduler``: address of a Dask scheduler whose workers sample; ``threads`` and it change
     nothing of the result. The others are the keys of ``[workspace]`` in a configuration.
@@ -74,6 +72,7 @@ class WorkspaceOptions(_Place, _Index, _Checks, total=False):
     threads: int | None
     shape_grid: int | None
     scheduler: str | None
+    sampling: Sampling | None
     sampler: Literal["r-sequence", "sobol", "monte-carlo", "lines"]
     samples: int | None
     replicates: int | None
@@ -98,6 +97,7 @@ class SectionOptions(_Place, _Index, _Checks, total=False):
 class SingularityOptions(_Place, _Index, _Checks, total=False):
     """Keywords of :func:`pmopt.singularities`; ``grid``: cells an axis for the aspects."""
 
+    sampling: Sampling | None
     seed: int
     threads: int | None
     grid: int | None

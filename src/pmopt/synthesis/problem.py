@@ -16,12 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.sampling.design_space import Design
-from pmopt.analysis.sampling.estimates import (
-    Estimate,
-    Estimates,
-    PopulationEstimates,
-    of_population,
-)
+from pmopt.analysis.sampling.estimates import Estimates, PopulationEstimates, of_population
 from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.sampling.measuring import measure_on_grid, measure_to_target
 from pmopt.analysis.sampling.sampler import Sampler, make_sampler
@@ -34,6 +29,7 @@ from pmopt.execution.threads import ordered_map
 from pmopt.mechanisms import find
 from pmopt.mechanisms.mechanism import Parameters
 from pmopt.numerics.sequences import Sequence as Points
+from pmopt.quantity import Quantity
 from pmopt.synthesis.config import SEARCH_SAMPLES, RunConfig
 from pmopt.synthesis.objectives import IN_SPACE, OF_SUMS, SENSES, objective_units
 from pmopt.units import ONE, product_unit
@@ -367,7 +363,7 @@ class DesignProblem:
 
     def measure(
         self, variables: NDArray[np.float64]
-    ) -> Iterator[tuple[Estimates, dict[str, Estimate]]]:
+    ) -> Iterator[tuple[Estimates, dict[str, Quantity]]]:
         """Measure designs (N, v) to the final target error, with a bounded number of samples.
 
         Each on one thread: most need few samples, that do not fill more.
@@ -389,7 +385,7 @@ class DesignProblem:
             return
         yield from ordered_map(self._measure, variables, self.sampler.threads)
 
-    def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Estimate]]:
+    def _measure(self, row: NDArray[np.float64]) -> tuple[Estimates, dict[str, Quantity]]:
         target = self.config.final.target_error
         design = self.design(row)
         found = measure_to_target(self._final, design, target, most=FINAL_SAMPLES)[1]
@@ -426,7 +422,7 @@ def evaluate_part(part: _Part) -> _Done[Evaluations]:
     return _done(part, lambda problem: problem.evaluate(part.variables, part.samples))
 
 
-def measure_part(part: _Part) -> _Done[tuple[Estimates, dict[str, Estimate]]]:
+def measure_part(part: _Part) -> _Done[tuple[Estimates, dict[str, Quantity]]]:
     """Measure one design: what a worker does."""
     return _done(part, lambda problem: next(problem.measure(part.variables[None])))
 

@@ -66,10 +66,16 @@ def truth_of_default(samples):
 def scores_of(case, samples, sampler, seeds):
     """Return how many of its errors each quantile is off, a row a seed."""
     name, params, settings = CASES[case]
-    wanted = np.array(truth_of(case, 1 << 23).quantiles)
+    settings = {**settings, "sampler": sampler}
+    wanted = np.array([tuple(q) for q in truth_of(case, 1 << 23).quantiles])
     found = np.array(
         [
-            sampled(name, params, samples, seed, **settings, sampler=sampler).quantiles
+            [
+                *map(
+                    tuple,
+                    sampled(name, params, samples, seed, **settings, sampler=sampler).quantiles,
+                )
+            ]
             for seed in range(seeds)
         ]
     )

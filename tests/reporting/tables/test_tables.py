@@ -35,6 +35,7 @@ from support.cli_runner import (
 from pmopt.cli import output
 from pmopt.cli.output import Pace, fitted
 from pmopt.mechanisms import find, names
+from pmopt.quantity import uncertain
 from pmopt.reporting.tables.layout import Style, lay_out, width_of, wrap
 from pmopt.reporting.tables.table import (
     Shown,
@@ -43,7 +44,6 @@ from pmopt.reporting.tables.table import (
     estimated,
     shown,
     to_csv,
-    uncertain,
 )
 
 WIDTHS = (60, 80, 140)

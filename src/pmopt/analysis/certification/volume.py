@@ -41,6 +41,7 @@ from pmopt.errors import InputError
 from pmopt.kernels.affine_forms import EPS
 from pmopt.mechanisms.mechanism import Mechanism
 from pmopt.numerics.elementary import exp_of
+from pmopt.quantity import Quantity
 from pmopt.units import ONE
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ class CertifiedVolume(OfSubject):
 
     Attributes
     ----------
-    lower, upper : float
+    lower, upper : Quantity
         Of the volume, proven.
     gap : float
         (upper - lower) / upper, 0 for an empty workspace.
@@ -80,8 +81,8 @@ class CertifiedVolume(OfSubject):
         What the index is of.
     """
 
-    lower: float
-    upper: float
+    lower: Quantity
+    upper: Quantity
     gap: float
     target: float
     boxes: int
@@ -126,8 +127,8 @@ class CertifiedVolume(OfSubject):
                 "value": (self.lower + self.upper) / 2,
                 "unit": self.volume_unit,
                 "error_bound": above((self.upper - self.lower) / 2),
-                "lower": self.lower,
-                "upper": self.upper,
+                "lower": self.lower.value,
+                "upper": self.upper.value,
             },
             "lci": None if self.index is None else self.index.to_dict(),
             "norm": self.norm,
@@ -205,8 +206,8 @@ def certify_volume(
     units |= dict.fromkeys(("volume", "lower", "upper"), mechanism.volume_unit)
     return CertifiedVolume(
         subject=sampler.space.subject(design),
-        lower=lower,
-        upper=upper,
+        lower=Quantity(lower, 0.0, mechanism.volume_unit, ">="),
+        upper=Quantity(upper, 0.0, mechanism.volume_unit, "<="),
         gap=relative(lower, upper),
         target=gap,
         boxes=found.examined,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.sampling.tallies import Tallies
 from pmopt.numerics.bins import bin_edges
+from pmopt.quantity import Quantity
+from pmopt.units import ONE
 
 QUANTILES = (0.05, 0.5, 0.95)
 #: By the number of replicates, what their standard error is multiplied by: two errors then hold
@@ -30,29 +32,34 @@ _FEW_REPLICATES = {
 _BOUND = 3.0
 
 
-class Estimate(NamedTuple):
-    """A sampled number and its error; both NaN where there is nothing to measure.
-
-    The error is a standard error, for a grid a bound of the error.
-    """
-
-    value: float
-    error: float
-
-
 @dataclass(frozen=True)
 class Estimates:
     """All sampled numbers of one workspace; ``smallest`` and ``largest`` are of the sample."""
 
-    volume: Estimate
-    gci: Estimate
+    volume: Quantity
+    gci: Quantity
     smallest: float
     largest: float
-    quantiles: tuple[Estimate, ...]
-    region_volumes: tuple[Estimate, ...]
-    region_shares: tuple[Estimate, ...]
+    quantiles: tuple[Quantity, ...]
+    region_volumes: tuple[Quantity, ...]
+    region_shares: tuple[Quantity, ...]
     samples: int
     reachable: int
+
+    def in_unit(self, unit: str, bounded: bool = False) -> Estimates:
+        """Return them with the unit of volumes, and whether their errors are bounds."""
+
+        def of(several: tuple[Quantity, ...], unit: str) -> tuple[Quantity, ...]:
+            return tuple(one.in_unit(unit, bounded) for one in several)
+
+        return replace(
+            self,
+            volume=self.volume.in_unit(unit, bounded),
+            gci=self.gci.in_unit(ONE, bounded),
+            quantiles=of(self.quantiles, ONE),
+            region_volumes=of(self.region_volumes, unit),
+            region_shares=of(self.region_shares, ONE),
+        )
 
 
 class _Sums(NamedTuple):
@@ -156,7 +163,7 @@ class _Distribution:
         self._total = float(self._below[-1])
         self._hits = hits
 
-    def quantile(self, q: float) -> Estimate:
+    def quantile(self, q: float) -> Quantity:
         """Return a quantile; its error is of the sample and of what is unknown within its bin."""
         value, k, part = self._find(q)
         # The share below the value is a mean: its error over replicates, brought to the axis of
@@ -167,7 +174,7 @@ class _Distribution:
         spread = math.sqrt(replicates / max(replicates - 1, 1) * float((rest**2).sum()))
         off = max(widening(replicates) * spread / self._total, 1 / self._hits)
         error = max(self._rise(value, q, off), self._rise(value, q, -off))
-        return Estimate(value, error + self.resolution(k, part))
+        return Quantity(value, error + self.resolution(k, part))
 
     def _find(self, q: float) -> tuple[float, int, float]:
         """Return a quantile, its bin and the share of the bin's points that is below it."""
@@ -251,14 +258,14 @@ def from_grid(grid: Tallies, sample: Tallies) -> Estimates:
     own = _distribution(grid)
     for q, other in zip(QUANTILES, found.quantiles, strict=True):
         if own is None:
-            quantiles.append(Estimate(math.nan, math.nan))
+            quantiles.append(Quantity(math.nan, math.nan))
             continue
         value, k, part = own._find(q)
-        quantiles.append(Estimate(value, _bound(value, other) + own.resolution(k, part)))
+        quantiles.append(Quantity(value, _bound(value, other) + own.resolution(k, part)))
     return _assemble(values, errors, tuple(quantiles), grid)
 
 
-def _bound(value: float, other: Estimate) -> float:
+def _bound(value: float, other: Quantity) -> float:
     return abs(value - other.value) + _BOUND * other.error
 
 
@@ -270,17 +277,17 @@ def _distribution(tallies: Tallies) -> _Distribution | None:
     return _Distribution(histogram, hits, float(smallest), float(largest))
 
 
-def _quantiles(tallies: Tallies) -> tuple[Estimate, ...]:
+def _quantiles(tallies: Tallies) -> tuple[Quantity, ...]:
     found = _distribution(tallies)
     if found is None:
-        return (Estimate(math.nan, math.nan),) * len(QUANTILES)
+        return (Quantity(math.nan, math.nan),) * len(QUANTILES)
     return tuple(found.quantile(q) for q in QUANTILES)
 
 
 def _assemble(
     values: NDArray[np.float64],
     errors: NDArray[np.float64],
-    quantiles: tuple[Estimate, ...],
+    quantiles: tuple[Quantity, ...],
     tallies: Tallies,
 ) -> Estimates:
     samples = tallies.points * tallies.reachable.shape[-1]
@@ -292,7 +299,7 @@ def _assemble(
     for name, figure in _FIGURES.items():
         least = figure.resolution(one_point, reachable or math.nan)
         several = [
-            Estimate(value, float(np.maximum(error, least)))
+            Quantity(value, float(np.maximum(error, least)))
             for value, error in islice(pairs, regions if name in _BY_REGION else 1)
         ]
         found[name] = tuple(several) if name in _BY_REGION else several[0]

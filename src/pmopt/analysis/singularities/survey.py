@@ -22,7 +22,6 @@ from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.aspects import AspectMap, determinants, map_aspects
 from pmopt.analysis.sampling.design_space import Design
-from pmopt.analysis.sampling.estimates import Estimate
 from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.sampling.warmup import warm_up
@@ -33,6 +32,7 @@ from pmopt.analysis.workspace.emptiness import nothing_reachable, require_reacha
 from pmopt.analysis.workspace.projection import replicate
 from pmopt.mechanisms.mechanism import Mechanism, Parameters, Vector
 from pmopt.numerics.matrices import determinant, singular_values, solve
+from pmopt.quantity import Quantity
 from pmopt.units import ONE
 
 DEFAULT_SAMPLES = 1 << 18
@@ -96,8 +96,8 @@ class Aspect:
     """A connected region without forward or constraint singularities."""
 
     sign: int
-    volume: Estimate
-    share: Estimate
+    volume: Quantity
+    share: Quantity
     home: bool
 
 
@@ -109,8 +109,8 @@ class SingularityResult(OfSubject):
     home_lci: float
     jacobian: str
     characteristic_length: float | None
-    smallest_lci: float
-    smallest_singular_value: float
+    smallest_lci: Quantity
+    smallest_singular_value: Quantity
     nearness: tuple[Nearness, ...]
     families: tuple[Family, ...]
     walls: tuple[Wall, ...]
@@ -134,8 +134,8 @@ class SingularityResult(OfSubject):
             "jacobian": self.jacobian,
             "characteristic_length": self.characteristic_length,
             "nearest": {
-                "smallest_lci": self.smallest_lci,
-                "smallest_singular_value": self.smallest_singular_value,
+                "smallest_lci": self.smallest_lci.value,
+                "smallest_singular_value": self.smallest_singular_value.value,
                 "measures": [asdict(n) for n in self.nearness],
             },
             "families": [{**asdict(f), "free": list(f.free)} for f in self.families],
@@ -230,7 +230,7 @@ def find_singularities(
     columns = np.concatenate(some, axis=1).T.tolist()
     probes = [dict(zip(home, column, strict=True)) for column in columns]
     nearness, least = _nearness(sampler, design, probes)
-    aspects, specks = _aspects(design, found, labels, reached, count, own)
+    aspects, specks = _aspects((design, mechanism.volume_unit), found, labels, reached, count, own)
     units = {c.name: mechanism.unit(c) for c in (*mechanism.pose, *mechanism.joints)}
     units |= {c.name: mechanism.unit(c) for c in (*mechanism.passive, *mechanism.parasitic)}
     units |= {p.name: mechanism.unit(p) for p in mechanism.parameters}
@@ -242,8 +242,8 @@ def find_singularities(
         home_lci=float(lci[0]) if inside else 0.0,
         jacobian=sampler.space.jacobian,
         characteristic_length=design.length if sampler.space.jacobian == "homogenized" else None,
-        smallest_lci=smallest,
-        smallest_singular_value=least,
+        smallest_lci=Quantity(smallest, 0.0, sign="<="),
+        smallest_singular_value=Quantity(least, 0.0, sign="<="),
         nearness=nearness,
         families=find_families(sampler, design),
         walls=_walls(sampler, design, home) if inside else (),
@@ -265,15 +265,15 @@ def _large(found: AspectMap) -> int:
 
 
 def _aspects(
-    design: Design,
+    of: tuple[Design, str],
     found: AspectMap,
     labels: np.ndarray[Any, np.dtype[np.float64]],
     reached: Vector,
     count: int,
     own: int,
 ) -> tuple[tuple[Aspect, ...], int]:
-    """Return the aspects with their volumes, and how many are specks."""
-    replicates = len(reached)
+    """Return the aspects with their volumes, in a unit, and how many are specks."""
+    (design, unit), replicates = of, len(reached)
     aspects = []
     for number in range(1, _large(found) + 1):
         hits = labels[:, number]
@@ -285,12 +285,13 @@ def _aspects(
         aspects.append(
             Aspect(
                 found.signs[number - 1],
-                Estimate(
+                Quantity(
                     float(volumes.mean()),
                     max(float(np.sqrt(((volumes - volumes.mean()) ** 2).sum())) / scale,
                         design.box_volume / (count * replicates)),
+                    unit,
                 ),
-                Estimate(float(share), float(np.sqrt((residual**2).sum())) / scale),
+                Quantity(float(share), float(np.sqrt((residual**2).sum())) / scale),
                 number == own,
             )
         )  # fmt: skip

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from pmopt.analysis.motion.dynamics import Mover, angular_motion
 from pmopt.analysis.reads import INDEX, TOOL_NEEDS, WITH_MIN_LCI, Reads
 from pmopt.analysis.record import OfSubject
-from pmopt.analysis.sampling.estimates import Estimate
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import MAX_SAMPLES, CapabilityWorkspace, WorkspaceSettings
 from pmopt.analysis.sizing.twists import Motions
@@ -40,6 +39,7 @@ from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.mechanisms.mechanism import Mechanism, Parameters, as_number
 from pmopt.numerics import matrices
 from pmopt.numerics.sequences import BLOCK
+from pmopt.quantity import Quantity
 from pmopt.units import METRES, ONE, effort_unit, unit_of
 
 Values = NDArray[np.float64]
@@ -163,18 +163,18 @@ class Demand:
         ``<joint>_rate`` or ``<joint>_effort``.
     limit : float or None
         What the motor has.
-    levels : tuple of Estimate
+    levels : tuple of Quantity
         What is enough in each of :data:`SHARES` of the reachable volume. In all of it nothing is:
         next to singularities demands have no bound.
-    volume : Estimate
+    volume : Quantity
         Where the limit is enough, of the mechanism's pose volume; NaN without one.
     """
 
     name: str
     unit: str
     limit: float | None
-    levels: tuple[Estimate, ...]
-    volume: Estimate
+    levels: tuple[Quantity, ...]
+    volume: Quantity
 
 
 @dataclass(frozen=True)
@@ -183,14 +183,14 @@ class Capability(OfSubject):
 
     Attributes
     ----------
-    volume, capable, share : Estimate
+    volume, capable, share : Quantity
         Reachable, within all limits, and the latter as a share.
     """
 
     task: Task
-    volume: Estimate
-    capable: Estimate
-    share: Estimate
+    volume: Quantity
+    capable: Quantity
+    share: Quantity
     demands: tuple[Demand, ...]
     samples: int
     reachable: int
@@ -203,7 +203,7 @@ class Capability(OfSubject):
         def finite(value: float) -> float | None:
             return value if math.isfinite(value) else None
 
-        def told(estimate: Estimate) -> dict[str, float | None]:
+        def told(estimate: Quantity) -> dict[str, float | None]:
             return {"value": finite(estimate.value), "standard_error": finite(estimate.error)}
 
         payload = self.task.payload
@@ -483,17 +483,17 @@ def compute_capability(
     whole = [part * number for number in met]
     capable = [part * number for number in capable_met]
     total_levels = joined.levels() if sum(met) else np.full((len(bounds), len(SHARES)), math.nan)
-    demands = []
+    demands, unit = [], mechanism.volume_unit
     for k, name in enumerate(asked.names):
         levels = []
         for j in range(len(SHARES)):
             value = float(total_levels[k, j])
             error = _error([float(found[k, j]) for found in each], value)
-            levels.append(Estimate(value, math.hypot(error, kept.resolution * abs(value))
-                                   if error > 0 else error))  # fmt: skip
-        volume = Estimate(math.nan, math.nan)
+            error = math.hypot(error, kept.resolution * abs(value)) if error > 0 else error
+            levels.append(Quantity(value, error, asked.units[name]))
+        volume = Quantity(math.nan, math.nan, unit)
         if name in given:
-            volume = _mean([part * int(numbers[k]) for numbers in enough_met], part)
+            volume = _mean([part * int(numbers[k]) for numbers in enough_met], part, unit)
         demands.append(Demand(name, asked.units[name], given.get(name), tuple(levels), volume))
     length = unit_of("length", mechanism.length_unit)
     units = {
@@ -511,15 +511,15 @@ def compute_capability(
     }
     shares = [c / w for c, w in zip(capable, whole, strict=True) if w]
     total, reachable = sum(whole), sum(met)
-    part_kept = Estimate(math.nan, math.nan)
+    part_kept = Quantity(math.nan, math.nan)
     if reachable:
         value = sum(capable) / total
-        part_kept = Estimate(value, max(_error(shares, value), 1 / reachable))
+        part_kept = Quantity(value, max(_error(shares, value), 1 / reachable))
     return Capability(
         subject=sampler.space.subject(design),
         task=task,
-        volume=_mean(whole, part),
-        capable=_mean(capable, part),
+        volume=_mean(whole, part, unit),
+        capable=_mean(capable, part, unit),
         share=part_kept,
         demands=tuple(demands),
         samples=REPLICATES * count,
@@ -620,7 +620,7 @@ def _error(values: Sequence[float], pooled: float) -> float:
     return error if error > 1e-12 * np.abs(finite).max() else 0.0
 
 
-def _mean(values: Sequence[float], point: float) -> Estimate:
+def _mean(values: Sequence[float], point: float, unit: str) -> Quantity:
     """Return the mean of volumes; its error is at least one point, the sample's resolution."""
     value = float(np.mean(values))
-    return Estimate(value, max(_error(values, value), point / len(values)))
+    return Quantity(value, max(_error(values, value), point / len(values)), unit)

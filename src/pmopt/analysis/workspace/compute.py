@@ -14,11 +14,7 @@ from pmopt.analysis.kinematics.index_units import entry_units, index_note
 from pmopt.analysis.reads import TOOL_NEEDS, Reads, tool_is_read
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.design_space import TOOL
-from pmopt.analysis.sampling.estimates import (
-    QUANTILES,
-    Estimate,
-    Estimates,
-)
+from pmopt.analysis.sampling.estimates import QUANTILES, Estimates
 from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.sampling.measuring import Course, measure_as_set
 from pmopt.analysis.sampling.sampler import make_sampler
@@ -30,11 +26,12 @@ from pmopt.analysis.settings import (
     WorkspaceSettings,
 )
 from pmopt.analysis.workspace.emptiness import require_home
-from pmopt.analysis.workspace.extremes import Extreme, find_extremes
+from pmopt.analysis.workspace.extremes import find_extremes
 from pmopt.analysis.workspace.projection import PROJECTION_SAMPLES, Projection, measure_projection
 from pmopt.analysis.workspace.shape import DEFAULT_GRIDS, Shape, check_cells, measure_shape
 from pmopt.mechanisms.mechanism import JacobianKind, Mechanism
 from pmopt.numerics.bins import bin_edges
+from pmopt.quantity import Quantity
 from pmopt.units import ONE, measure_unit, unit_of
 
 if TYPE_CHECKING:
@@ -47,8 +44,8 @@ class Region:
 
     lower: float
     upper: float
-    volume: Estimate
-    share: Estimate
+    volume: Quantity
+    share: Quantity
 
 
 @dataclass(frozen=True)
@@ -63,12 +60,12 @@ class WorkspaceResult(OfSubject):
     grid: int | None
     replicates: int
     settings: WorkspaceSettings
-    volume: Estimate
+    volume: Quantity
     volume_unit: str
-    gci: Estimate
-    smallest: Extreme
-    largest: Extreme
-    quantiles: tuple[Estimate, ...]
+    gci: Quantity
+    smallest: Quantity
+    largest: Quantity
+    quantiles: tuple[Quantity, ...]
     regions: tuple[Region, ...]
     samples: int
     reachable: int
@@ -98,7 +95,7 @@ class WorkspaceResult(OfSubject):
     def _projected(self, name: str, unit: str) -> dict[str, Any] | None:
         if self.projection is None:
             return None
-        found: Estimate = getattr(self.projection, name)
+        found: Quantity = getattr(self.projection, name)
         # Where poses are positions the volume is the workspace's own, and so is its error.
         error = self.error_name if found is self.volume else "standard_error"
         entry: dict[str, Any] = {
@@ -233,6 +230,7 @@ def compute_workspace(
     design = sampler.design(mechanism.resolve(params or {}))
     require_home(sampler.evaluator, design)
     tallies, estimates = measure_as_set(sampler, design, course)
+    estimates = estimates.in_unit(mechanism.volume_unit, bounded=settings.grid is not None)
     shape = projection = None
     if cells > 0:
         shape = measure_shape(sampler.evaluator, design, cells)

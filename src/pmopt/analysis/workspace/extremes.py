@@ -7,8 +7,6 @@ at most, the largest at least what is found, unless it is proven.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,9 +14,8 @@ from pmopt.analysis.sampling.aspects import determinants
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.numerics import sequences
+from pmopt.quantity import Quantity
 from pmopt.seeds import seed_sequence
-
-Bound = Literal["found", "proven"]
 
 #: Poses among which the search begins, places where it does, and how far apart they are at least,
 #: as a share of the box.
@@ -38,21 +35,10 @@ _SIGNED, _PAIRS, _HALVINGS = 512, 16, 30
 _CLEAR, _NEXT = 1e-6, 1e-6
 
 
-class Extreme(NamedTuple):
-    """The least or the largest LCI, NaN where nothing is reachable.
-
-    ``bound`` says whether the true one is known to be this (``proven``) or may be beyond
-    (``found``).
-    """
-
-    value: float
-    bound: Bound
-
-
 def find_extremes(
     sampler: Sampler, design: Design, smallest: float, largest: float
-) -> tuple[Extreme, Extreme]:
-    """Return the least and the largest LCI of a design.
+) -> tuple[Quantity, Quantity]:
+    """Return the least and the largest LCI of a design, with a sign where it may be beyond.
 
     Parameters
     ----------
@@ -68,7 +54,7 @@ def find_extremes(
     small and of different signs at two poses 1e-9 of the box apart, both within every limit.
     """
     if not smallest <= largest:
-        return Extreme(smallest, "found"), Extreme(largest, "found")
+        return Quantity(smallest, 0.0, sign="<="), Quantity(largest, 0.0, sign=">=")
     settings = sampler.space.settings
     dimension = len(design.width)
     points = sequences.make_sequence(
@@ -88,8 +74,8 @@ def find_extremes(
     least = smallest <= settings.min_lci + (_EXACT if settings.min_lci > 0 else 0.0)
     most = largest >= _ceiling(sampler) - _EXACT
     return (
-        Extreme(smallest, "proven" if least else "found"),
-        Extreme(largest, "proven" if most else "found"),
+        Quantity(smallest, 0.0, sign="" if least else "<="),
+        Quantity(largest, 0.0, sign="" if most else ">="),
     )
 
 

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.sampling.design_space import Design
-from pmopt.analysis.sampling.estimates import Estimate
 from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.workspace.fibres import Ground, seek
 from pmopt.kernels import ascent
 from pmopt.numerics.elementary import power
 from pmopt.numerics.sequences import make_sequence
+from pmopt.quantity import Quantity
 from pmopt.seeds import seed_sequence
 
 Array = NDArray[np.float64]
@@ -60,14 +60,14 @@ class Reached:
 
     Attributes
     ----------
-    volume : Estimate
+    volume : Quantity
     places : (3, K) float64
         Sampled positions that are reached.
     lower : bool
         Whether the volume is a lower bound, as not all poses of a position are searched.
     """
 
-    volume: Estimate
+    volume: Quantity
     places: Array
     lower: bool
 
@@ -156,7 +156,7 @@ def measure_positions(
     first, last = places.min(axis=1), places.max(axis=1)
     sides = last - first
     if len(poses) < 3 or not sides.min() > _FLAT * sides.max():
-        return Reached(Estimate(0.0, 0.0), places[:, :0], False)
+        return Reached(Quantity(0.0, 0.0), places[:, :0], False)
     spread = np.ptp(poses, axis=1)
     ground = Ground(sampler.evaluator, design, np.where(spread > 0, spread, design.width), sides)
     near = max(samples // (_POSES_A_POSITION * sampler.evaluator.slowness), _FEWEST)
@@ -202,7 +202,7 @@ def measure_positions(
         error = 3 / found.size
     value = float(by_replicate.mean()) + missed
     return Reached(
-        Estimate(box * value, box * math.hypot(error, missed, doubt, beyond)),
+        Quantity(box * value, box * math.hypot(error, missed, doubt, beyond)),
         met,
         len(poses) > 3 + ascent.MOST_FREE,
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.sampling.cells import hull, label
 from pmopt.analysis.sampling.design_space import Design
-from pmopt.analysis.sampling.estimates import Estimate, from_replicates
+from pmopt.analysis.sampling.estimates import from_replicates
 from pmopt.analysis.sampling.evaluator import Evaluator
 from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.workspace.positions import measure_positions
@@ -25,6 +25,8 @@ from pmopt.mechanisms.mechanism import Vector
 from pmopt.numerics.elementary import power
 from pmopt.numerics.matrices import dot
 from pmopt.numerics.sequences import BLOCK, Sequence
+from pmopt.quantity import Quantity
+from pmopt.units import measure_unit
 
 PROJECTION_SAMPLES = 1 << 20
 _REPLICATES = 4
@@ -50,13 +52,13 @@ class Projection:
 
     Attributes
     ----------
-    volume : Estimate
+    volume : Quantity
         Of the positions reached by the platform's centre, or by the tool point where there is
         one, in length_unit^3.
     lower : bool
         Whether the volume is a lower bound: with more than five pose coordinates not all poses of
         a position are searched.
-    footprint : Estimate
+    footprint : Quantity
         Area on the floor of the convex hull of all links over all reachable poses, length_unit^2.
     shape : Topology
         Pieces and voids of the positions reached, counted on the voxels.
@@ -64,8 +66,8 @@ class Projection:
         Voxels along the longest side.
     """
 
-    volume: Estimate
-    footprint: Estimate
+    volume: Quantity
+    footprint: Quantity
     shape: Topology
     grid: int
     lower: bool = False
@@ -101,7 +103,7 @@ def measure_projection(
     sampler: Sampler,
     design: Design,
     samples: int = PROJECTION_SAMPLES,
-    known: tuple[Estimate, Shape] | None = None,
+    known: tuple[Quantity, Shape] | None = None,
 ) -> Projection:
     """Measure the positions reached and the floor area needed.
 
@@ -115,11 +117,13 @@ def measure_projection(
     design : Design
     samples : int
         Of all replicates together.
-    known : (Estimate, Shape), optional
+    known : (Quantity, Shape), optional
         Volume and shape of the workspace, where they have been measured.
     """
+    unit = measure_unit(["length"] * 3, sampler.space.mechanism.length_unit)
     if design.box_volume == 0:
-        return _nothing(Estimate(math.nan, math.nan))
+        area = measure_unit(["length"] * 2, sampler.space.mechanism.length_unit)
+        return _nothing(Quantity(math.nan, math.nan, area), unit)
     points = sampler.for_purpose(f"{sampler.purpose}, projection").sequence(_REPLICATES)
     count = max(1, samples // _REPLICATES // BLOCK) * BLOCK
     parts = [replicate(points, r) for r in range(_REPLICATES)]
@@ -131,7 +135,7 @@ def measure_projection(
         return Projection(known[0], footprint, known[1].workspace, known[1].grid)
     poses, places = _reachable(sampler, design, parts, count)
     if places.shape[1] < _LEAST_POSES:
-        return _nothing(footprint)
+        return _nothing(footprint, unit)
     found = measure_positions(sampler, design, poses, places, samples)
     joined = np.concatenate([places, found.places], axis=1).T
     lower, upper = joined.min(axis=0), joined.max(axis=0)
@@ -143,12 +147,13 @@ def measure_projection(
     full, rough = (occupied(joined, lower, s) for s in (step, 1.5 * step))
     uncut = np.zeros((3, 2), dtype=bool)
     shape = confirmed(topology_of(full, uncut), topology_of(rough, uncut))
-    return Projection(found.volume, footprint, shape, grid, found.lower)
+    volume = found.volume.in_unit(unit, sign=">=" if found.lower else "")
+    return Projection(volume, footprint, shape, grid, found.lower)
 
 
-def _nothing(footprint: Estimate) -> Projection:
+def _nothing(footprint: Quantity, unit: str) -> Projection:
     """Return the measures where positions are too few to tell anything."""
-    nothing = Estimate(math.nan, math.nan)
+    nothing = Quantity(math.nan, math.nan, unit)
     return Projection(nothing, footprint, Topology(0, (), 0, 0, 0, True), 0)
 
 
@@ -169,7 +174,7 @@ def _reachable(
             np.concatenate([f[1] for f in found], axis=1))  # fmt: skip
 
 
-def measure_footprint(sampler: Sampler, design: Design, points: Sequence, count: int) -> Estimate:
+def measure_footprint(sampler: Sampler, design: Design, points: Sequence, count: int) -> Quantity:
     """Measure the floor area needed; NaN where no pose of the sample is reachable.
 
     Parameters
@@ -187,12 +192,13 @@ def measure_footprint(sampler: Sampler, design: Design, points: Sequence, count:
             lambda part: sampler.evaluator.outline(design, part, 0, count), parts, sampler.threads
         )
     )
+    unit = measure_unit(["length"] * 2, sampler.space.mechanism.length_unit)
     if not any(map(len, ends)):
-        return Estimate(math.nan, math.nan)
-    return _footprint([hull(corners) for corners in ends], len(design.width))
+        return Quantity(math.nan, math.nan, unit)
+    return _footprint([hull(corners) for corners in ends], len(design.width)).in_unit(unit)
 
 
-def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
+def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Quantity:
     """Return the area of the hull of points from the hulls of parts of them.
 
     A hull of N points is too small. Where the extremes of d coordinates lie on one smooth limit,
@@ -203,7 +209,7 @@ def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Estimate:
     whole = area(hull(np.concatenate(corners)))
     gained = power(len(corners), 2 / (axes + 1)) - 1
     missing = (whole - float(areas.mean())) / gained
-    return Estimate(
+    return Quantity(
         whole + missing, max(math.hypot(missing, float(areas.std(ddof=1))), 1e-12 * whole)
     )
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import InputError, unknown_name
+from pmopt.quantity import uncertain
 from pmopt.reporting.batch import summary
 from pmopt.reporting.runs import motion_run, pareto_run, simulate_run
 from pmopt.reporting.tables.front import pareto_tables
-from pmopt.reporting.tables.table import Table, uncertain
+from pmopt.reporting.tables.table import Table
 from pmopt.units import ONE
 
 if TYPE_CHECKING:

@@ -8,8 +8,9 @@ from pmopt.analysis.sizing import actuators
 from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import InputError
+from pmopt.quantity import uncertain
 from pmopt.reporting.runs import capability_run
-from pmopt.reporting.tables.table import Table, uncertain
+from pmopt.reporting.tables.table import Table
 from pmopt.units import exact
 
 if TYPE_CHECKING:
@@ -27,14 +28,13 @@ class Capability(Showing, actuators.Capability):
 
     def _headline(self) -> str:
         """Return the result in one line."""
-        unit = self.units["volume"]
         text = f"{self.mechanism}, {self.working_mode}: "
         if any(demand.limit is not None for demand in self.demands):
             share = uncertain(100 * self.share.value, 100 * self.share.error, "%")
-            return f"{text}limits kept in {share} of {uncertain(*self.volume, unit)}"
+            return f"{text}limits kept in {share} of {self.volume}"
         level = actuators.SHARES.index(0.9) if 0.9 in actuators.SHARES else -1
         needed = ", ".join(
-            f"{d.name} {uncertain(*d.levels[level], d.unit)}"
+            f"{d.name} {d.levels[level]}"
             for d in self.demands if d.levels[level].value
         )  # fmt: skip
         share = exact(100 * actuators.SHARES[level])

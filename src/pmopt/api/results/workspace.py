@@ -8,7 +8,7 @@ from pmopt.analysis.workspace import compute
 from pmopt.api.keywords import named
 from pmopt.api.results.showing import Showing, axes_of
 from pmopt.errors import unknown_name
-from pmopt.reporting.tables.table import Table, uncertain
+from pmopt.reporting.tables.table import Table
 from pmopt.reporting.tables.workspace import workspace_data, workspace_tables
 
 if TYPE_CHECKING:
@@ -45,9 +45,8 @@ class WorkspaceResult(Showing, compute.WorkspaceResult):
 
     def _headline(self) -> str:
         """Return the result in one line."""
-        volume = uncertain(*self.volume, self.volume_unit, bound=self.grid is not None)
         return (
-            f"{self.mechanism}, {self.working_mode}: volume {volume}, GCI {uncertain(*self.gci)}, "
+            f"{self.mechanism}, {self.working_mode}: volume {self.volume}, GCI {self.gci}, "
             f"{self.samples} samples ({self.sampler})"
         )
 

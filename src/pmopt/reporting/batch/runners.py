@@ -26,10 +26,11 @@ from pmopt.analysis.workspace.shape import DEFAULT_GRIDS, check_cells
 from pmopt.errors import InfeasibleError, InputError, unknown_name
 from pmopt.inputs.reading import read_file, read_json
 from pmopt.mechanisms import find
+from pmopt.quantity import uncertain
 from pmopt.reporting.runs import workspace_checkpoint
 from pmopt.reporting.runs.run_folder import manifest_to_keep
 from pmopt.reporting.runs.tasks import Plan, WorkspaceTask
-from pmopt.reporting.tables.table import Cell, Shown, Uncertain, shown, uncertain
+from pmopt.reporting.tables.table import Cell, Shown, Uncertain, shown
 from pmopt.storage.checkpoint import CheckpointFolder, Grows, changes
 from pmopt.storage.files import sha256
 from pmopt.synthesis.checkpoint import GROWS, plain

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from pmopt.analysis.workspace.compute import WorkspaceResult
 from pmopt.errors import InputError
-from pmopt.reporting.tables.table import uncertain
+from pmopt.quantity import uncertain
 from pmopt.units import ONE, exact, pretty
 
 if TYPE_CHECKING:
@@ -243,9 +243,10 @@ def fit_axes(figure: Figure, axes: Any, place: tuple[float, float, float, float]
 def caption_parts(result: WorkspaceResult, remarks: Sequence[str] = ()) -> tuple[str, list[str]]:
     """Return mechanism and dimensions, and what else stands below them."""
     params = {name: value for name, value in result.params.items() if value is not None}
-    parts = [f"volume {estimate_text(*result.volume, result.volume_unit)}"]
+    volume, gci = result.volume, result.gci
+    parts = [f"volume {estimate_text(volume.value, volume.error, volume.unit)}"]
     if result.reachable:
-        parts.append(f"GCI {estimate_text(*result.gci)}")
+        parts.append(f"GCI {estimate_text(gci.value, gci.error)}")
     if result.grid:
         parts.append("± are error bounds")
     parts += [f"{name} in [{exact(low)}, {exact(high)}] {result.units[name]}"

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.regions.sections import Section, section_fields
-from pmopt.analysis.sampling.estimates import Estimate
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.sizing.actuators import (
@@ -31,6 +30,7 @@ from pmopt.errors import InputError
 from pmopt.mechanisms import Mechanism, find
 from pmopt.mechanisms.bodies import point_mass
 from pmopt.mechanisms.mechanism import Parameters
+from pmopt.quantity import Quantity, uncertain
 from pmopt.reporting.pictures import workspace_plots
 from pmopt.reporting.pictures.chart_text import Heading, heading
 from pmopt.reporting.pictures.gallery import Gallery, write_pictures
@@ -51,7 +51,6 @@ from pmopt.reporting.tables.table import (
     given,
     to_csv,
     to_json,
-    uncertain,
 )
 from pmopt.units import ONE, exact
 
@@ -184,9 +183,9 @@ def _demand_table(result: Capability, demands: Sequence[Demand], notes: Sequence
     shares = [f"p{100 * share:.0f}" for share in SHARES]
     columns = ("demand", "unit", "limit", *shares, "volume")
 
-    def cell(estimate: Estimate) -> Cell:
+    def cell(estimate: Quantity) -> Cell:
         # Next to singularities demands have no bound.
-        return Uncertain(*estimate) if np.isfinite(estimate.value) else None
+        return Uncertain(estimate.value, estimate.error) if np.isfinite(estimate.value) else None
 
     rows = tuple(
         (demand.name, demand.unit, given(demand.limit), *map(cell, demand.levels),
@@ -209,11 +208,10 @@ def demands_table(result: Capability) -> Table:
 def capability_tables(result: Capability) -> list[Table]:
     """Return a row for each rate and effort that is asked for, and the volumes."""
     asked = [d for d in result.demands if d.limit is not None or any(e.value for e in d.levels)]
-    unit = result.units["volume"]
     kept = ""
     if any(demand.limit is not None for demand in result.demands):
         share = uncertain(100 * result.share.value, 100 * result.share.error, "%")
-        kept = f"; all limits are kept in {uncertain(*result.capable, unit)}, {share}"
+        kept = f"; all limits are kept in {result.capable}, {share}"
     notes = ["p90: enough at 90 % of the reachable volume" if asked else "nothing is asked for"]
     if kept:
         notes[0] += "; volume: where the limit is enough"
@@ -221,7 +219,7 @@ def capability_tables(result: Capability) -> list[Table]:
     if len(asked) < len(result.demands):
         notes.append(_idle_text(result, [d for d in result.demands if d not in asked]))
     notes += result.task.moved(find(result.mechanism))
-    notes.append(f"reachable volume {uncertain(*result.volume, unit)}{kept}")
+    notes.append(f"reachable volume {result.volume}{kept}")
     return [_demand_table(result, asked, notes)]
 
 

@@ -85,8 +85,8 @@ def _run(
 def _numbers(result: SingularityResult) -> tuple[Table, Table, Table]:
     units = result.units
     aspects: list[tuple[Cell, ...]] = [
-        (number, Shown(a.sign, "+" if a.sign > 0 else "-"), a.home, Uncertain(*a.volume),
-         Uncertain(*a.share))
+        (number, Shown(a.sign, "+" if a.sign > 0 else "-"), a.home,
+         Uncertain(a.volume.value, a.volume.error), Uncertain(a.share.value, a.share.error))
         for number, a in enumerate(result.aspects, start=1)
     ]  # fmt: skip
     counted = "a coarser grid counts the same" if result.confirmed else (

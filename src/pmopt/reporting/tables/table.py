@@ -8,20 +8,16 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import ROUND_HALF_EVEN, Context, Decimal
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
 
+from pmopt.quantity import uncertain
 from pmopt.units import ONE, exact
 
-#: Smallest power of ten of a size that is written without one.
-_SMALL = -4
-#: Relative rounding of a double: no error is stated below it.
-_ROUNDING = 2.0**-52
 #: Name of the column that says which of several tables a row of CSV is from.
 TABLE = "table"
-_WIDE = Context(prec=400, rounding=ROUND_HALF_EVEN)
 
 
 @dataclass(frozen=True)
@@ -221,49 +217,3 @@ def estimated(value: float, digits: int = 2) -> str:
     if value == round(value) and digits > 2:  # a count that is known
         return f"{value:.0f}"
     return f"{Decimal(f'{value:.{digits}g}'):f}"
-
-
-def uncertain(value: float, error: float, unit: str = ONE, bound: bool = False) -> str:
-    """Return a value with its error and unit as one text, e.g. ``12.345 ± 0.012 m^3``.
-
-    The error has two digits and the value ends at the same place. Where that would need zeros that
-    are no digits, both stand over one power of ten: ``(2.15 ± 0.17)e8 mm^3``.
-
-    Parameters
-    ----------
-    value, error : float
-        A value that is NaN is ``-``; an error that is not known is ``?``. An exact value has the
-        error 0 and six digits.
-    unit : str
-    bound : bool
-        The error is a bound, not a standard error; it is said behind the unit.
-    """
-    text = _with_error(value, error)
-    text += "" if unit == ONE else f" {unit}"
-    return f"{text} (bound)" if bound and text[0] != "-" else text
-
-
-def _with_error(value: float, error: float) -> str:
-    if math.isnan(value):
-        return "-"
-    if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
-        return f"{value:.6g} ± ?"
-    if error == 0:
-        return f"{value + 0.0:.6g} ± 0"
-    error = max(error, _ROUNDING * abs(value))
-    place = int(f"{error:.1e}".partition("e")[2]) - 1  # of the error's second digit
-    whole, beside = (_units_of(x, place) for x in (value, error))
-    size = max(len(str(abs(whole))), len(str(beside))) - 1 + place
-    if place <= 0 and size >= _SMALL:
-        return f"{_placed(whole, place)} ± {_placed(beside, place)}"
-    return f"({_placed(whole, place - size)} ± {_placed(beside, place - size)})e{size}"
-
-
-def _units_of(value: float, place: int) -> int:
-    """Return a value rounded to a place, in units of that place."""
-    return int(Decimal(repr(float(value))).scaleb(-place, _WIDE).to_integral_value(ROUND_HALF_EVEN))
-
-
-def _placed(units: int, place: int) -> str:
-    """Return so many units of a place, ended there."""
-    return f"{Decimal(units).scaleb(place, _WIDE):f}"

@@ -20,8 +20,8 @@ from pmopt.units import ONE
 
 if TYPE_CHECKING:
     from pmopt.analysis.workspace.compute import WorkspaceResult
-    from pmopt.analysis.workspace.extremes import Extreme
     from pmopt.analysis.workspace.shape import Topology
+    from pmopt.quantity import Quantity
 
 
 def bounded(value: float, sign: str, proven: bool = False) -> Cell:
@@ -46,12 +46,12 @@ def _figures(result: WorkspaceResult) -> list[_Figure]:
     """Return every number of a workspace with its error."""
     grid, unit = result.grid is not None, result.volume_unit
 
-    def extreme(name: str, found: Extreme, sign: str) -> _Figure:
+    def extreme(name: str, found: Quantity, sign: str) -> _Figure:
         value = bounded(found.value, sign, found.bound == "proven")
         return _Figure(name, value, ONE, found.bound)
 
-    def own(name: str, pair: tuple[float, float], unit: str) -> _Figure:
-        return _Figure(name, _sampled(pair, grid), unit)
+    def own(name: str, found: Quantity, unit: str) -> _Figure:
+        return _Figure(name, _sampled(found, grid), unit)
 
     found = [
         own("volume", result.volume, unit),
@@ -70,16 +70,15 @@ def _figures(result: WorkspaceResult) -> list[_Figure]:
         # poses are positions the volume is the workspace's own, and so is its error.
         volume, footprint = result.projection.volume, result.projection.footprint
         sign, bound = (">=", "lower") if result.projection.lower else ("", None)
-        found += [
-            _Figure("projected volume", _sampled(volume, grid and volume is result.volume, sign),
-                    result.units["projected_volume"], bound),
-            _Figure("footprint", _sampled(footprint), result.units["footprint"]),
-        ]  # fmt: skip
+        if volume.error != 0:  # positions on a plane have no volume, and nothing is said of it
+            value = _sampled(volume, grid and volume is result.volume, sign)
+            found.append(_Figure("projected volume", value, volume.unit, bound))
+        found.append(_Figure("footprint", _sampled(footprint), footprint.unit))
     return found
 
 
-def _sampled(pair: tuple[float, float], bound: bool = False, sign: str = "") -> Cell:
-    return None if math.isnan(pair[0]) else Uncertain(*pair, bound, sign)
+def _sampled(found: Quantity, bound: bool = False, sign: str = "") -> Cell:
+    return None if math.isnan(found) else Uncertain(found.value, found.error, bound, sign)
 
 
 def _errors(result: WorkspaceResult) -> dict[str, tuple[str, ...]]:

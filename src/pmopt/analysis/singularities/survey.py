@@ -21,8 +21,13 @@ from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
 from pmopt.analysis.singularities.families import Family, find_families
-from pmopt.analysis.singularities.touching import least_along
-from pmopt.analysis.workspace.aspects import AspectMap, determinants, map_aspects
+from pmopt.analysis.singularities.touching import Values, least_along
+from pmopt.analysis.workspace.aspects import (
+    AspectMap,
+    determinants,
+    determinants_along,
+    map_aspects,
+)
 from pmopt.analysis.workspace.emptiness import nothing_reachable, require_reachable
 from pmopt.analysis.workspace.estimates import Estimate
 from pmopt.analysis.workspace.projection import replicate
@@ -446,10 +451,8 @@ def _touch_along(
     if len(least) == 0:
         return None
 
-    def size_at(values: Vector) -> Vector:
-        columns = poses[:, least].copy()
-        columns[k] = values
-        return np.abs(determinants(sweeper, design, columns))
+    def size_at(values: Values) -> Values:
+        return np.abs(determinants_along(sweeper, design, poses[:, least], k, values))
 
     ends = np.sort(np.stack([poses[k, least - 1], poses[k, least + 1]]), axis=0)
     places, sizes = least_along(size_at, ends[0], ends[1])

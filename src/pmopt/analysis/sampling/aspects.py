@@ -45,6 +45,35 @@ def determinants(evaluator: Evaluator, design: Design, poses: NDArray[np.float64
     return found
 
 
+def determinants_along(
+    evaluator: Evaluator,
+    design: Design,
+    poses: NDArray[np.float64],
+    axes: int | NDArray[np.int64],
+    values: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the determinants at poses (d, m) of which one coordinate has other values.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+    design : Design
+    poses : (d, m) float64
+    axes : int or (m,) int64
+        Which coordinate, of all or of each.
+    values : (.., m) float64
+
+    Returns
+    -------
+    dets : (.., m) float64
+    """
+    several = values.reshape(-1, values.shape[-1])
+    places = np.repeat(poses[:, None, :], len(several), axis=1)
+    places[axes, :, np.arange(poses.shape[1])] = several.T
+    dets = determinants(evaluator, design, places.reshape(len(poses), -1))
+    return dets.reshape(values.shape)
+
+
 @dataclass(frozen=True)
 class AspectMap:
     """Labels of the cells of a design's box.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.kinematics.determinants import Part, measures_at
-from pmopt.analysis.singularities.touching import least_along
+from pmopt.analysis.singularities.touching import Values, least_along
 from pmopt.errors import InputError, UnreachableError
-from pmopt.mechanisms.mechanism import Mechanism, Parameters, Vector
+from pmopt.mechanisms.mechanism import Mechanism, Parameters
 from pmopt.units import ONE
 
 #: A determinant this small at a row of the path is 0: rounding leaves no more.
@@ -157,14 +158,15 @@ def _touches(
     """Return where a determinant touches 0 between rows, without a change of sign."""
     count = len(poses)
 
-    def size(places: Vector) -> Vector:
-        found = []
-        for place in places.tolist():
-            k = min(int(place), count - 2)
-            pose = _between(poses[k], poses[k + 1], place - k)
-            measures = measures_at(mechanism, mode, parameters, pose)
-            found.append(math.inf if measures is None else abs(measures[part]))
-        return np.array(found)
+    @functools.cache
+    def size_at(place: float) -> float:
+        k = min(int(place), count - 2)
+        pose = _between(poses[k], poses[k + 1], place - k)
+        measures = measures_at(mechanism, mode, parameters, pose)
+        return math.inf if measures is None else abs(measures[part])
+
+    def size(places: Values) -> Values:
+        return np.array(list(map(size_at, places.ravel().tolist()))).reshape(places.shape)
 
     inner = int(np.clip(_LOOKS // (count - 1), 1, _MOST_INNER))
     places = np.arange((count - 1) * (inner + 1) + 1) / (inner + 1)

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.kinematics.determinants import measures_at
-from pmopt.analysis.sampling.aspects import determinants
+from pmopt.analysis.sampling.aspects import determinants, determinants_along
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.sampler import Sampler
 from pmopt.analysis.singularities.touching import least_along
@@ -152,89 +154,93 @@ class _Search:
 
     def further(self, fixed: dict[str, float], poses: NDArray[np.float64]) -> None:
         """Look for values of one more coordinate at which the rest of the slice is singular."""
-        for k, name in enumerate(self.names):
-            if name in fixed:
-                continue
-            for value in self._zeros(k, poses):
-                pinned = {**fixed, name: value}
+        free = [k for k, name in enumerate(self.names) if name not in fixed]
+        for k, values in zip(free, self._zeros(free, poses[:, :_LINES]), strict=True):
+            for value in values:
+                pinned = {**fixed, self.names[k]: value}
                 ordered = {n: pinned[n] for n in self.names if n in pinned}
                 if not self.known(ordered):
                     self.examine(ordered)
 
-    def _zeros(self, k: int, poses: NDArray[np.float64]) -> list[float]:
+    def _zeros(self, free: list[int], through: NDArray[np.float64]) -> list[list[float]]:
         """Return where the determinant vanishes on all lines along a coordinate that get there.
 
-        Lines go through poses of a slice. Zeros are changes of sign, and touches: least sizes
-        that are 0. How many lines get to a value depends on their other coordinates.
+        Lines go through poses of a slice, along each of the free coordinates. Zeros are changes of
+        sign, and touches: least sizes that are 0. How many lines get to a value depends on their
+        other coordinates. Changes of sign along all coordinates are located together.
         """
+        brackets = [self._bracketed(k, through) for k in free]
+        crossed = self._crossed(through, [changes for changes, _ in brackets])
+        touched = [self._touched(through, dips) for _, dips in brackets]
+        zeros = []
+        for k, across, touching in zip(free, crossed, touched, strict=True):
+            values: list[float] = []
+            for group in _grouped([*across, *touching]):
+                value = self._snapped(k, float(np.median(group)))
+                if value not in values and self._common(k, through, value, len(group)):
+                    values.append(value)
+            zeros.append(values)
+        return zeros
+
+    def _bracketed(self, k: int, through: NDArray[np.float64]) -> tuple[_Brackets, _Brackets]:
+        """Return where the determinant changes its sign along a coordinate, and where it dips."""
         line = np.linspace(self.lower[k], self.lower[k] + self.width[k], _POINTS)
-        through = poses[:, :_LINES]
         lines = np.repeat(through, _POINTS, axis=1)
         lines[k] = np.tile(line, through.shape[1])
         shape = (-1, _POINTS)
         inside = self.sampler.evaluator.field(self.design, lines)[0].reshape(shape) >= 0
         dets = determinants(self.sampler.evaluator, self.design, lines).reshape(shape)
-        found = [
-            *self._crossed(k, through, line, dets, inside),
-            *self._touched(k, through, line, dets, inside),
-        ]
-        values = []
-        for group in _grouped(found):
-            value = self._snapped(k, float(np.median(group)))
-            if value not in values and self._common(k, through, value, len(group)):
-                values.append(value)
-        return values
-
-    def _crossed(
-        self,
-        k: int,
-        through: NDArray[np.float64],
-        line: Vector,
-        dets: NDArray[np.float64],
-        inside: NDArray[np.bool_],
-    ) -> list[float]:
-        """Return the zeros of lines at which the determinant changes sign, by halving."""
         rows, cells = np.nonzero(
             (dets[:, :-1] * dets[:, 1:] <= 0) & inside[:, :-1] & inside[:, 1:]
             & (dets[:, :-1] != dets[:, 1:])
         )  # fmt: skip
-        low, high, sign = line[cells], line[cells + 1], np.sign(dets[rows, cells])
-        if len(rows) == 0:
-            return []
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            same = self._along(k, through[:, rows], middle) * sign > 0
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        zeros = (low + high) / 2
-        return list(zeros[np.abs(self._along(k, through[:, rows], zeros)) <= _TOUCHES].tolist())
-
-    def _touched(
-        self,
-        k: int,
-        through: NDArray[np.float64],
-        line: Vector,
-        dets: NDArray[np.float64],
-        inside: NDArray[np.bool_],
-    ) -> list[float]:
-        """Return where the determinant's size is least and 0 without a change of sign."""
+        crossed = _Brackets(k, rows, line[cells], line[cells + 1], np.sign(dets[rows, cells]))
         size = np.abs(dets)
         least = (size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:])
         least &= (dets[:, :-2] * dets[:, 2:] > 0) & inside[:, 1:-1]
         rows, cells = np.nonzero(least)
-        if len(rows) == 0:
+        return crossed, _Brackets(k, rows, line[cells], line[cells + 2], np.ones(len(rows)))
+
+    def _crossed(
+        self, through: NDArray[np.float64], brackets: Sequence[_Brackets]
+    ) -> list[list[float]]:
+        """Return the zeros of lines at which the determinant changes sign, by halving."""
+        if not any(len(b.rows) for b in brackets):
+            return [[] for _ in brackets]
+        axes, rows, low, high, sign = _joined(brackets)
+        poses = through[:, rows]
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            same = (
+                determinants_along(self.sampler.evaluator, self.design, poses, axes, middle) * sign
+                > 0
+            )
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        zeros = (low + high) / 2
+        dets = self._along(poses, axes, zeros)
+        kept = np.abs(dets) <= _TOUCHES
+        return [zeros[kept & (axes == b.axis)].tolist() for b in brackets]
+
+    def _touched(self, through: NDArray[np.float64], brackets: _Brackets) -> list[float]:
+        """Return where the determinant's size is least and 0 without a change of sign."""
+        if len(brackets.rows) == 0:
             return []
+        poses, axis = through[:, brackets.rows], brackets.axis
 
-        def size_at(values: Vector) -> Vector:
-            return np.abs(self._along(k, through[:, rows], values))
+        def size_at(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.abs(
+                determinants_along(self.sampler.evaluator, self.design, poses, axis, values)
+            )
 
-        place, smallest = least_along(size_at, line[cells], line[cells + 2])
+        place, smallest = least_along(size_at, brackets.low, brackets.high)
         return list(place[smallest <= _TOUCHES].tolist())
 
-    def _along(self, k: int, through: NDArray[np.float64], values: Vector) -> Vector:
-        """Return the determinants of poses with other values of one coordinate."""
-        poses = through.copy()
-        poses[k] = values
-        return determinants(self.sampler.evaluator, self.design, poses)
+    def _along(
+        self, poses: NDArray[np.float64], axes: int | NDArray[np.int64],
+        values: NDArray[np.float64],
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """Return the determinants of poses with other values of a coordinate each."""
+        return determinants_along(self.sampler.evaluator, self.design, poses, axes, values)
 
     def _common(self, k: int, through: NDArray[np.float64], value: float, count: int) -> bool:
         """Return whether lines have the zero that get there: some of them, and nearly all."""
@@ -249,6 +255,36 @@ class _Search:
         if self.sampler.space.mechanism.pose[k].kind == "angle" and abs(value + math.pi) <= _NEARLY:
             value = math.pi
         return next((v for v in self.special(k) if abs(v - value) <= _NEARLY), value)
+
+
+class _Brackets(NamedTuple):
+    """Ends between which determinants vanish, maybe, along one coordinate of m lines.
+
+    Attributes
+    ----------
+    axis : int
+        The coordinate.
+    rows : (m,) int64
+        Which pose each line goes through.
+    low, high : (m,) float64
+    sign : (m,) float64
+        That of the determinant at ``low``, where it changes.
+    """
+
+    axis: int
+    rows: NDArray[np.int64]
+    low: Vector
+    high: Vector
+    sign: Vector
+
+
+def _joined(
+    brackets: Sequence[_Brackets],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Vector, Vector, Vector]:
+    """Return the coordinates of all brackets and what else they hold, one after the other."""
+    axes = np.repeat([b.axis for b in brackets], [len(b.rows) for b in brackets])
+    rows, low, high, sign = (np.concatenate(part) for part in list(zip(*brackets, strict=True))[1:])
+    return axes, rows, low, high, sign
 
 
 def _grouped(values: list[float]) -> list[list[float]]:

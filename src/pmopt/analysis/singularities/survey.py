@@ -20,14 +20,14 @@ from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
 from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
-from pmopt.analysis.sampling.aspects import AspectMap, determinants, map_aspects
+from pmopt.analysis.sampling.aspects import AspectMap, determinants, determinants_along, map_aspects
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.evaluator import Notify
 from pmopt.analysis.sampling.sampler import Sampler, make_sampler
 from pmopt.analysis.sampling.warmup import warm_up
 from pmopt.analysis.settings import SingularitySettings, WorkspaceSettings, split_samples
 from pmopt.analysis.singularities.families import Family, find_families
-from pmopt.analysis.singularities.touching import least_along
+from pmopt.analysis.singularities.touching import Values, least_along
 from pmopt.analysis.workspace.emptiness import nothing_reachable, require_reachable
 from pmopt.analysis.workspace.projection import replicate
 from pmopt.mechanisms.mechanism import Mechanism, Parameters, Vector
@@ -455,10 +455,8 @@ def _touch_along(
     if len(least) == 0:
         return None
 
-    def size_at(values: Vector) -> Vector:
-        columns = poses[:, least].copy()
-        columns[k] = values
-        return np.abs(determinants(sampler.evaluator, design, columns))
+    def size_at(values: Values) -> Values:
+        return np.abs(determinants_along(sampler.evaluator, design, poses[:, least], k, values))
 
     ends = np.sort(np.stack([poses[k, least - 1], poses[k, least + 1]]), axis=0)
     places, sizes = least_along(size_at, ends[0], ends[1])

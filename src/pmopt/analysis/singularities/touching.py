@@ -37,14 +37,14 @@ _PARTS, _ROUNDS = 8, 40
 
 
 def least_along(
-    size: Callable[[Vector], Vector], low: Vector, high: Vector
+    size: Callable[[Values], Values], low: Vector, high: Vector
 ) -> tuple[Vector, Vector]:
     """Return where a size is least within each of some brackets, and the size there.
 
     Parameters
     ----------
     size : callable
-        Returns the sizes (m,) at values (m,), the i-th of the i-th function.
+        Returns the sizes (.., m) at values (.., m), the i-th column of the i-th function.
     low, high : (m,) float64
         Ends of the brackets; within each a function falls and rises again.
 
@@ -57,7 +57,7 @@ def least_along(
     for _ in range(_ROUNDS):
         width = high - low
         points = low + width * (np.arange(_PARTS + 1)[:, None] / _PARTS)
-        sizes = np.stack([size(row) for row in points])
+        sizes = size(points)
         at = np.argmin(sizes, axis=0)
         columns = np.arange(len(low))
         better = sizes[at, columns] < smallest
@@ -166,7 +166,9 @@ def least_sizes(
     if len(rows) == 0:
         return Least(none, np.array([]), np.array([]))
 
-    def at(places: Vector) -> Vector:
+    def at(places: Values) -> Values:
+        if places.ndim > 1:
+            return np.stack([at(row) for row in places])
         start = np.minimum(np.floor(places).astype(np.int64), len(t) - 2)
         start = np.where(known[start] & known[start + 1], start, start - 1)
         return size(between(t, jets, start, places - start).values)

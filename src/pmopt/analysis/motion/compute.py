@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from pmopt.analysis.motion.continuity import (
     in_limits,
 )
 from pmopt.analysis.motion.dynamics import Mover, State, angular_motion
+from pmopt.analysis.record import OfSubject, Subject
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities.touching import Jets, Least, between, least_sizes
@@ -152,7 +153,7 @@ class Centres(Mapping[str, Values]):
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(OfSubject):
     """A motion: all of it is NaN at infeasible instants.
 
     Attributes
@@ -176,9 +177,6 @@ class Motion:
         Where it comes so near a singularity that efforts between instants exceed those at them.
     """
 
-    mechanism: str
-    params: Parameters
-    working_mode: str
     t: Vector
     pose: Course
     parasitic: Course
@@ -303,9 +301,11 @@ def compute_motion(
     for span in beyond:
         told[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
+    box = _extents(mechanism.pose, poses)
+    subject = Subject.of(mechanism, parameters, mode, box, design.limits)
     motion = _assemble(
-        parameters, mode, trajectory.t, pose, turned, state, angular, told, massive, mover,
-        tuple(spans), tuple(singular),
+        subject, trajectory.t, _Found(pose, turned, state, angular),
+        _Verdict(told, tuple(spans), tuple(singular)), massive, mover,
     )  # fmt: skip
     if motion.effort is None or spans:
         return motion
@@ -524,23 +524,41 @@ class Approach:
         )
 
 
+class _Found(NamedTuple):
+    """What a mechanism does along a motion; ``courses`` by kind, without jumps by a turn."""
+
+    pose: Course
+    courses: Mapping[str, Course]
+    state: State
+    angular: Values
+
+
+class _Verdict(NamedTuple):
+    """Where a motion is known, (N,), where it is not possible, and where it is singular."""
+
+    known: NDArray[np.bool_]
+    spans: tuple[Span, ...]
+    singular: tuple[Span, ...]
+
+
+def _extents(coordinates: Sequence[Coordinate], poses: Values) -> dict[str, tuple[float, float]]:
+    """Return the least and the greatest value of each coordinate of (N, d) poses that are known."""
+    lowest, highest = np.fmin.reduce(poses, axis=0).tolist(), np.fmax.reduce(poses, axis=0).tolist()
+    ends = zip(coordinates, lowest, highest, strict=True)
+    return {c.name: (low, high) for c, low, high in ends if not math.isnan(low)}
+
+
 def _assemble(
-    parameters: Parameters,
-    mode: str,
+    subject: Subject,
     t: Vector,
-    pose: Course,
-    courses: Mapping[str, Course],
-    state: State,
-    angular: Values,
-    told: NDArray[np.bool_],
+    found: _Found,
+    verdict: _Verdict,
     bodies: tuple[Body, ...],
     mover: Mover,
-    spans: tuple[Span, ...],
-    singular: tuple[Span, ...],
 ) -> Motion:
-    """Return the motion in the mechanism's unit, NaN where it is not told."""
-    mechanism = mover.mechanism
-    lost = ~told
+    """Return the motion in the mechanism's unit, NaN where it is not known."""
+    pose, courses, state, angular = found
+    lost = ~verdict.known
 
     def masked(values: Values) -> Values:
         """Return an array of this motion's own with NaN where nothing is told, in its place.
@@ -558,9 +576,7 @@ def _assemble(
     given = pose.values, pose.rates, pose.accelerations
     known = course(Course(pose.coordinates, *(values.copy() for values in given)))
     return Motion(
-        mechanism=mechanism.name,
-        params=dict(parameters),
-        working_mode=mode,
+        subject=subject,
         t=t,
         pose=known,
         parasitic=course(courses["parasitic"]),
@@ -572,9 +588,9 @@ def _assemble(
         potential=masked(state.potential) if has else None,
         centres=Centres(mover, known, tuple(body.name for body in bodies)),
         angular=masked(angular),
-        infeasible=spans,
-        singular=singular,
-    )  # fmt: skip
+        infeasible=verdict.spans,
+        singular=verdict.singular,
+    )
 
 
 def followed_coordinates(mechanism: Mechanism) -> tuple[Coordinate, ...]:

@@ -42,6 +42,12 @@ def test_it_is_a_number():
     array = np.array([VOLUME, VOLUME])
     assert (array.shape, array.dtype) == ((2,), np.float64)
     assert np.asarray(VOLUME).shape == ()
+    assert (VOLUME == np.array([12.3449, 1.0])).tolist() == [True, False]
+    assert (VOLUME != np.array([12.3449, 1.0])).tolist() == [False, True]
+    assert pytest.approx(12.3449 + 1e-9) == VOLUME
+    assert pytest.approx(VOLUME) == VOLUME
+    assert VOLUME == pytest.approx(VOLUME)
+    assert VOLUME != "12.3449"
     assert json.dumps([VOLUME]) == "[12.3449]"
 
 

@@ -78,10 +78,14 @@ class Quantity(float):
         """Return whether a number is the value, or a pair the value and the error."""
         if isinstance(other, tuple):
             return (self.value, self.error) == other
-        return float.__eq__(self, other) is True
+        found: bool = float.__eq__(self, other)
+        return found  # or NotImplemented: arrays compare themselves
 
     def __ne__(self, other: object) -> bool:
-        return not self == other
+        if isinstance(other, tuple):
+            return (self.value, self.error) != other
+        found: bool = float.__ne__(self, other)
+        return found
 
     __hash__ = float.__hash__
 

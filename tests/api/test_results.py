@@ -113,14 +113,16 @@ def test_every_result_over_a_workspace_has_the_same_subject(design):
         assert (result.working_mode, result.box) == (first.working_mode, first.box)
 
 
-def test_results_at_poses_have_a_subject_without_a_domain(design):
+def test_results_at_poses_have_a_subject(design):
     limits = {"theta1": (-0.5, 1.5)}
-    found = design.jacobian(POSE, "out-out", limits=limits).subject
-    assert (found.mechanism, found.params, found.box) == ("2pauu-ppap", design.parameters, {})
-    assert (found.working_mode, found.limits) == ("out-out", limits)
-    assert design.ik(POSE, limits=limits).subject == replace(found, working_mode="all")
+    found = design.jacobian(POSE, "out-out", limits=limits)
+    subject = found.subject
+    assert (subject.mechanism, subject.params) == ("2pauu-ppap", design.parameters)
+    assert subject.box == {name: (value, value) for name, value in found.pose.items()}
+    assert (subject.working_mode, subject.limits) == ("out-out", limits)
+    assert design.ik(POSE, limits=limits).subject == replace(subject, working_mode="all")
     joints = {"theta1": 0.4, "theta2": 0.1, "d": 0.2}
-    assert design.fk(joints).subject == replace(found, working_mode="all", limits={})
+    assert design.fk(joints).subject == replace(subject, working_mode="all", box={}, limits={})
 
 
 def test_units_stand_beside_a_frame(design):

@@ -1,15 +1,16 @@
-"""What a result is of: one record, the same in every result over a workspace."""
+"""What a result is of: one record, the same in every result."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from pmopt.mechanisms.mechanism import Mechanism, Parameters
 
 
 @dataclass(frozen=True)
 class Subject:
     """One design of a mechanism in a working mode, and which of its poses are in question.
-
-    A result at given poses has no domain: ``box`` is empty.
 
     Attributes
     ----------
@@ -19,11 +20,15 @@ class Subject:
         All parameters, in ``length_unit``; None where one is not set.
     length_unit : {"m", "mm"}
     working_mode : str
-        ``"all"`` where every one is in question.
+        ``"all"`` where every one is in question; empty where it is of none, as joints of a layout
+        that is drawn in one pose only.
     box : dict
-        The domain, by pose coordinate: the mechanism's own or what was given.
+        Where the poses in question are, by pose coordinate: the domain, the mechanism's own or what
+        was given; of a motion or a path what it goes through; of one pose that pose; empty
+        where poses are what is found.
     limits : dict
-        Of joints and of the tool's place, the mechanism's own or what was given.
+        Of joints and of the tool's place, the mechanism's own or what was given; empty where they
+        do not count.
     """
 
     mechanism: str
@@ -32,6 +37,21 @@ class Subject:
     working_mode: str
     box: dict[str, tuple[float, float]]
     limits: dict[str, tuple[float, float]]
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        params: Parameters,
+        working_mode: str | None,
+        box: Mapping[str, tuple[float, float]],
+        limits: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Subject:
+        """Return the subject: a design with all its parameters, and which poses of it."""
+        return cls(
+            mechanism.name, dict(params), mechanism.length_unit, working_mode or "", dict(box),
+            dict(limits or {}),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

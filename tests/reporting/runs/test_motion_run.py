@@ -31,6 +31,7 @@ from pmopt.analysis.motion.config import resolve_motion
 from pmopt.analysis.motion.records import Course, Motion
 from pmopt.analysis.motion.summary import broken_limits, columns, demands, rms
 from pmopt.analysis.motion.trajectories import plan_trajectory
+from pmopt.analysis.record import Subject
 from pmopt.mechanisms import find
 from pmopt.reporting.pictures import animation
 
@@ -474,8 +475,9 @@ def made(values, rates):
         np.repeat(np.array(v, dtype=float)[:, None], 3, axis=1) for v in (values, rates, rates)
     ]
     empty = Course((), *np.empty((3, len(t), 0)))
+    subject = Subject.of(mechanism, mechanism.resolve({}), "out-out", {})
     return mechanism, Motion(
-        mechanism.name, mechanism.resolve({}), "out-out", t, Course(mechanism.pose, *whole), empty,
+        subject, t, Course(mechanism.pose, *whole), empty,
         Course(mechanism.joints, *whole), empty, None, None, None, None, {},
         np.zeros((len(t), 2, 3)), (), (),
     )  # fmt: skip

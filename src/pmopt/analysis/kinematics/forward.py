@@ -105,9 +105,7 @@ class Assembling:
             self._goal = mechanism.check_coordinates(near, mechanism.pose, "near")
         self._size = mechanism.characteristic_length(self.parameters)
         self._units = _forward_units(mechanism)
-        self.subject = Subject(
-            mechanism.name, dict(self.parameters), mechanism.length_unit, "all", {}, {}
-        )
+        self.subject = Subject.of(mechanism, self.parameters, "all", {}, {})
 
     @property
     def kernels(self) -> dict[Compiled, tuple[str, ...]]:

@@ -152,9 +152,7 @@ class Inverting:
         self._limits = Limits(mechanism, ranges, mechanism.limited)
         self._fixed = Limits(mechanism, mechanism.pose_limits(self.parameters), mechanism.pose)
         self._units = coordinate_units(mechanism)
-        self.subject = Subject(
-            mechanism.name, dict(self.parameters), mechanism.length_unit, working_mode, {}, ranges
-        )
+        self._ranges = ranges
 
     @property
     def kernels(self) -> dict[Compiled, tuple[str, ...]]:
@@ -195,6 +193,10 @@ class Inverting:
         found = mechanism.inverses(self.parameters, checked)
         return [self._result(*one) for one in zip(checked, places, found, strict=True)]
 
+    def _subject(self, pose: dict[str, float]) -> Subject:
+        box = {name: (value, value) for name, value in pose.items()}
+        return Subject.of(self.mechanism, self.parameters, self._mode, box, self._ranges)
+
     def _result(
         self, pose: dict[str, float], where: str, solutions: tuple[InverseSolution, ...]
     ) -> InverseResult | OutOfReach:
@@ -212,7 +214,7 @@ class Inverting:
         fixed = self._fixed.beyond(pose)
         beyond = tuple((*fixed, *self._limits.beyond({**s.passive, **s.joints})) for s in chosen)
         return InverseResult(
-            self.subject,
+            self._subject(pose),
             pose,
             chosen,
             tuple(not b for b in beyond),
@@ -223,7 +225,7 @@ class Inverting:
 
     def nothing(self, pose: dict[str, float]) -> InverseResult:
         """Return the result of a pose out of reach: no solutions."""
-        return InverseResult(self.subject, pose, (), (), self._units)
+        return InverseResult(self._subject(pose), pose, (), (), self._units)
 
 
 def reached(mechanism: Mechanism, result: InverseResult, where: str) -> InverseResult:

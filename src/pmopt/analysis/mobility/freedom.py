@@ -17,6 +17,7 @@ from pmopt.analysis.mobility import closed_form, screws
 from pmopt.analysis.mobility.closed_form import Agreement
 from pmopt.analysis.mobility.finite_motion import Assembly, platform_twists
 from pmopt.analysis.mobility.screws import Screw
+from pmopt.analysis.record import OfSubject, Subject
 from pmopt.errors import InputError, UnreachableError, unknown_name
 from pmopt.mechanisms.mechanism import Chain, Matrix, Mechanism, Vector
 from pmopt.seeds import seed_sequence
@@ -205,20 +206,16 @@ class FullCycle:
 
 
 @dataclass(frozen=True)
-class MobilityResult:
+class MobilityResult(OfSubject):
     """All that the declared joints tell of a mechanism's mobility.
 
     ``local_freedoms`` move limbs while the platform rests; ``rank_gap`` is the least singular
     value kept and the largest dropped where the platform's freedoms were counted.
     """
 
-    mechanism: str
     layout: str
     layout_note: str
-    params: dict[str, float | None]
     pose: dict[str, float] | None
-    working_mode: str | None
-    length_unit: str
     characteristic_length: float
     freedom: int
     poc: Characteristic
@@ -238,6 +235,11 @@ class MobilityResult:
     full_cycle: FullCycle
     closed_form: Agreement | None
     units: dict[str, str]
+
+    @property
+    def working_mode(self) -> str | None:  # type: ignore[override]  # of some layouts there is none
+        """The working mode, None of a layout that has one pose, its own."""
+        return self.subject.working_mode or None
 
     @property
     def kind(self) -> str:
@@ -371,16 +373,12 @@ def mobility_of(
     if name == DECLARED and mode is not None:
         rng = np.random.default_rng(seed_sequence(seed, "mobility, closed form"))
         agreement = closed_form.compare(mechanism, parameters, mode, _COMPARED, rng)
-    unit = mechanism.length_unit
     facts = analyse(chains, np.asarray(centre, dtype=float), length, samples, seed)
     return MobilityResult(
-        mechanism=mechanism.name,
+        subject=Subject.of(mechanism, parameters, mode, {k: (v, v) for k, v in (at or {}).items()}),
         layout=name,
         layout_note=note,
-        params=dict(parameters),
         pose=at,
-        working_mode=mode,
-        length_unit=unit,
         characteristic_length=length,
         closed_form=agreement,
         units=_result_units(mechanism),

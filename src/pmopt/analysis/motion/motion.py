@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +28,14 @@ from pmopt.analysis.motion.singularities import (
     met_singularities,
     touched_singularities,
 )
+from pmopt.analysis.record import Subject
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.singularities.touching import Jets
 from pmopt.compiler.machine_code import compile_ahead
 from pmopt.mechanisms.bodies import Body, MassProperties
 from pmopt.mechanisms.mechanism import (
+    Coordinate,
     Mechanism,
     Parameters,
     Vector,
@@ -172,8 +175,11 @@ def compute_motion(
     for span in beyond:
         told[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
+    subject = Subject.of(
+        mechanism, parameters, mode, _extents(mechanism.pose, poses), design.limits
+    )
     motion = replace(
-        _assembled(mover, trajectory.t, pose, turned, state, angular, told),
+        _assembled(mover, subject, _Found(trajectory.t, pose, turned, state, angular), told),
         infeasible=tuple(spans),
         singular=tuple(singular),
     )
@@ -182,17 +188,29 @@ def compute_motion(
     return replace(motion, approaches=approaches(mover, motion, jets, near, index))
 
 
+class _Found(NamedTuple):
+    """What a mechanism does along a motion; ``courses`` by kind, without jumps by a turn."""
+
+    t: Vector
+    pose: Course
+    courses: Mapping[str, Course]
+    state: State
+    angular: Values
+
+
+def _extents(coordinates: Sequence[Coordinate], poses: Values) -> dict[str, tuple[float, float]]:
+    """Return the least and the greatest value of each coordinate of (N, d) poses that are known."""
+    lowest, highest = np.fmin.reduce(poses, axis=0).tolist(), np.fmax.reduce(poses, axis=0).tolist()
+    ends = zip(coordinates, lowest, highest, strict=True)
+    return {c.name: (low, high) for c, low, high in ends if not math.isnan(low)}
+
+
 def _assembled(
-    mover: Mover,
-    t: Vector,
-    pose: Course,
-    courses: Mapping[str, Course],
-    state: State,
-    angular: Values,
-    told: NDArray[np.bool_],
+    mover: Mover, subject: Subject, found: _Found, known_at: NDArray[np.bool_]
 ) -> Motion:
-    """Return the motion in the mechanism's unit, NaN where it is not told."""
-    lost = ~told
+    """Return the motion in the mechanism's unit, NaN where it is not known."""
+    pose, courses, state = found.pose, found.courses, found.state
+    lost = ~known_at
 
     def masked(values: Values) -> Values:
         """Return an array of this motion's own with NaN where nothing is told, in its place.
@@ -210,10 +228,8 @@ def _assembled(
     given = pose.values, pose.rates, pose.accelerations
     known = course(Course(pose.coordinates, *(values.copy() for values in given)))
     return Motion(
-        mechanism=mover.mechanism.name,
-        params=dict(mover.parameters),
-        working_mode=mover.working_mode,
-        t=t,
+        subject=subject,
+        t=found.t,
         pose=known,
         parasitic=course(courses["parasitic"]),
         joints=course(courses["joints"]),
@@ -223,5 +239,5 @@ def _assembled(
         kinetic=masked(state.kinetic) if has else None,
         potential=masked(state.potential) if has else None,
         centres=Centres(mover, known, tuple(body.name for body in mover.bodies)),
-        angular=masked(angular),
+        angular=masked(found.angular),
     )

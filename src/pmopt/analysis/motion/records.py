@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.record import OfSubject
 from pmopt.mechanisms.mechanism import (
     Coordinate,
-    Parameters,
     Vector,
 )
 
@@ -146,7 +146,7 @@ class Centres(Mapping[str, Values]):
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(OfSubject):
     """A motion: all of it is NaN at infeasible instants.
 
     Attributes
@@ -170,9 +170,6 @@ class Motion:
         Where it comes so near a singularity that efforts between instants exceed those at them.
     """
 
-    mechanism: str
-    params: Parameters
-    working_mode: str
     t: Vector
     pose: Course
     parasitic: Course

@@ -15,6 +15,7 @@ from pmopt.analysis.motion.records import Course, Motion
 from pmopt.analysis.multibody.mjcf import to_mjcf
 from pmopt.analysis.multibody.model import Tree, build_tree
 from pmopt.analysis.multibody.mujoco_engine import Engine
+from pmopt.analysis.record import OfSubject
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.errors import InputError, PmoptError
@@ -103,7 +104,7 @@ class Forward:
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(OfSubject):
     """What an engine says of a motion.
 
     Attributes
@@ -250,7 +251,7 @@ def simulate_motion(
         run = run_forward(task, engine, fine, gains, followed.efforts[0], progress)
         forward, saturation, unstable = run.comparison, run.saturation, run.unstable
     return Simulation(
-        course.coordinates, inverse, forward, saturation, unstable, singular,
+        motion.subject, course.coordinates, inverse, forward, saturation, unstable, singular,
         float(np.linalg.norm(followed.centres - own, axis=2).max()), float(followed.gaps.max()),
         engine.name, engine.version, model, settings.step, hold, gains,
     )  # fmt: skip

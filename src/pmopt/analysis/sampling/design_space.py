@@ -127,13 +127,8 @@ class DesignSpace:
 
     def subject(self, design: Design) -> Subject:
         """Return what results of a design are of."""
-        return Subject(
-            mechanism=self.mechanism.name,
-            params=dict(design.parameters),
-            length_unit=self.mechanism.length_unit,
-            working_mode=self.working_mode,
-            box=dict(design.given),
-            limits=dict(design.limits),
+        return Subject.of(
+            self.mechanism, design.parameters, self.working_mode, design.given, design.limits
         )
 
     def design(self, parameters: Parameters, length: float | None = None) -> Design:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.kinematics.determinants import Part, measures_at
+from pmopt.analysis.record import OfSubject, Subject
 from pmopt.analysis.singularities.touching import Values, least_along
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms.mechanism import Mechanism, Parameters
@@ -52,12 +53,9 @@ class Nearest:
 
 
 @dataclass(frozen=True)
-class PathResult:
+class PathResult(OfSubject):
     """What :func:`follow_path` found."""
 
-    mechanism: str
-    params: dict[str, float | None]
-    working_mode: str
     rows: int
     crossings: tuple[Crossing, ...]
     nearest: tuple[Nearest, ...]
@@ -141,8 +139,12 @@ def follow_path(
     crossings.sort(key=lambda c: (c.row, c.kind, c.part))
     units = {c.name: mechanism.unit(c) for c in mechanism.pose}
     units |= {p.name: mechanism.unit(p) for p in mechanism.parameters}
+    box = {
+        c.name: (min(p[c.name] for p in poses), max(p[c.name] for p in poses))
+        for c in mechanism.pose
+    }
     return PathResult(
-        mechanism.name, dict(parameters), mode, len(path), tuple(crossings),
+        Subject.of(mechanism, parameters, mode, box), len(path), tuple(crossings),
         tuple(nearest), units | {"time": "s", "row": ONE, "value": ONE},
     )  # fmt: skip
 

@@ -16,6 +16,7 @@ from pmopt.analysis.motion.recordings import Residual
 from pmopt.analysis.motion.records import Motion, Span
 from pmopt.analysis.motion.summary import Demand, broken_limits, columns, demands
 from pmopt.analysis.motion.trajectories import Planned, plan_trajectory
+from pmopt.analysis.record import Subject
 from pmopt.inputs.reading import LARGEST_OF_LINES, read_file
 from pmopt.reporting.pictures.gallery import write_pictures
 from pmopt.reporting.runs.run_folder import RunFolder, claimed
@@ -50,6 +51,11 @@ class MotionRun:
     motion: Motion
     demands: tuple[Demand, ...]
     infeasible: tuple[Span, ...]
+
+    @property
+    def subject(self) -> Subject:
+        """The design, and where the motion goes."""
+        return self.motion.subject
 
     @property
     def infeasible_instants(self) -> int:

@@ -19,6 +19,7 @@ from pmopt.analysis.multibody.simulation import (
     holds,
     simulate_motion,
 )
+from pmopt.analysis.record import Subject
 from pmopt.analysis.workspace.compute import number
 from pmopt.errors import InputError
 from pmopt.reporting.pictures.gallery import Gallery, write_pictures
@@ -69,6 +70,11 @@ class SimulationRun:
     motion: MotionRun
     simulation: Simulation
     agreements: tuple[Agreement, ...]
+
+    @property
+    def subject(self) -> Subject:
+        """The design, and where the motion goes."""
+        return self.simulation.subject
 
     @property
     def shown(self) -> tuple[str, Comparison]:

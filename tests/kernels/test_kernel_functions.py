@@ -14,6 +14,7 @@ from pmopt.compiler import program_text
 from pmopt.kernels import conditioning, sweep
 from pmopt.kernels.segment_distance import segment_distance2
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
+from pmopt.kernels.vectors import Vec3
 
 angles = st.floats(-20, 20)
 points = st.lists(st.floats(-2, 2), min_size=12, max_size=12)
@@ -39,6 +40,12 @@ def test_roll_pitch_yaw(z, y, x):
     np.testing.assert_allclose(np.reshape(roll_pitch_yaw(z, y, x), (3, 3)), wanted, atol=1e-14)
 
 
+def points_of(numbers):
+    """Return points of a flat row."""
+    row = list(numbers)
+    return [Vec3(*row[k : k + 3]) for k in range(0, len(row), 3)]
+
+
 @given(points)
 def test_segment_distance(ends):
     """Against a minimisation from both ends and the middle of each segment."""
@@ -52,7 +59,7 @@ def test_segment_distance(ends):
         minimize(square, start, bounds=[(0, 1)] * 2, options={"ftol": 1e-15, "gtol": 1e-12}).fun
         for start in starts
     )
-    assert segment_distance2(*ends) == pytest.approx(wanted, abs=2e-6)
+    assert segment_distance2(*points_of(ends)) == pytest.approx(wanted, abs=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +74,8 @@ def test_segment_distance(ends):
     ],
 )
 def test_segment_distance_of_known_cases(ends, distance):
-    assert math.sqrt(segment_distance2(*map(float, ends))) == pytest.approx(distance, abs=1e-12)
+    found = segment_distance2(*points_of(map(float, ends)))
+    assert math.sqrt(found) == pytest.approx(distance, abs=1e-12)
 
 
 def kernel4(a, b, c, d, constants):

@@ -356,7 +356,7 @@ def _checks(recipe: Recipe, pose: str) -> str:
 
     def ends(segment: int) -> str:
         start = PLACE + 6 * segment
-        return ", ".join(f"s[{k}]" for k in range(start, start + 6))
+        return ", ".join(f"Vec3(s[{k}], s[{k + 1}], s[{k + 2}])" for k in (start, start + 3))
 
     tool = [f"checks.tool.{axis}" for axis in "xyz"]
     place = [
@@ -375,7 +375,7 @@ def _checks(recipe: Recipe, pose: str) -> str:
                     least = "checks.platform2" if other < 0 else "checks.limbs2"
                     limit(f"segment_distance2({ends(a)}, {ends(b)}) - {least}")
             if "tool" in recipe.checks:
-                shaft = "s[0], s[1], s[2], tool0, tool1, tool2"
+                shaft = "Vec3(s[0], s[1], s[2]), Vec3(tool0, tool1, tool2)"
                 limit(f"segment_distance2({ends(a)}, {shaft}) - checks.platform2")
     if "cone" in recipe.checks:
         start = PLACE + 6 * len(recipe.segments)

@@ -9,14 +9,14 @@ def unit_interval(value):
     return value if value < 1.0 else 1.0
 
 
-def segment_distance2(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz):
-    """Return the squared distance between the segments AB and CD.
+def segment_distance2(a, b, c, d):
+    """Return the squared distance between the segments from a to b and from c to d.
 
-    C. Ericson, "Real-Time Collision Detection", section 5.1.9. Parallel segments start from A.
+    C. Ericson, "Real-Time Collision Detection", section 5.1.9. Parallel segments start from a.
     """
-    ux, uy, uz = bx - ax, by - ay, bz - az
-    vx, vy, vz = dx - cx, dy - cy, dz - cz
-    rx, ry, rz = ax - cx, ay - cy, az - cz
+    ux, uy, uz = b.x - a.x, b.y - a.y, b.z - a.z
+    vx, vy, vz = d.x - c.x, d.y - c.y, d.z - c.z
+    rx, ry, rz = a.x - c.x, a.y - c.y, a.z - c.z
     uu = ux * ux + uy * uy + uz * uz
     vv = vx * vx + vy * vy + vz * vz
     uv = ux * vx + uy * vy + uz * vz

@@ -14,6 +14,7 @@ from pmopt.analysis.workspace.projection import measure_projection
 from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.kernels.segment_distance import segment_distance2
+from pmopt.kernels.vectors import Vec3
 from pmopt.mechanisms import find
 
 
@@ -84,7 +85,7 @@ def check_clearances(mechanism, tool=None, **more):
             for j, b in enumerate(segments):
                 if joined[i] == joined[j]:
                     continue
-                distance = math.sqrt(segment_distance2(*a.ravel(), *b.ravel()))
+                distance = math.sqrt(segment_distance2(*(Vec3(*end) for end in (*a, *b))))
                 which = int(mechanism.segments[j] < 0)
                 nearest[which] = min(nearest[which], distance)
             if tool:

@@ -15,10 +15,22 @@ estimated along the direction in which the equations hardly change, and sought f
 """
 
 import math
+from typing import NamedTuple
 
-from pmopt.kernels.assembly import assembly_angles, assembly_sort
+from pmopt.kernels.assembly import (
+    ASSEMBLY_STEP,
+    Adjugate,
+    assembly_angles,
+    assembly_apart,
+    assembly_heading,
+    assembly_principal,
+    assembly_size,
+    assembly_solved,
+    assembly_sort,
+)
 from pmopt.kernels.octics import octic_DEPTH, octic_MOST, octic_roots
 from pmopt.kernels.trigonometry import sin_cos
+from pmopt.kernels.vectors import Rotation, Vec3, dot, turned
 
 EPS = 2.220446049250313e-16
 TINY = 1e-300
@@ -30,147 +42,223 @@ sp_KEPT = 5
 #: Turn of the platform that sets both halves of a circle of a apart.
 sp_PHASE = 0.3
 # Places in the scratch space.
-sp_SYSTEM = 0  # rows d (3), s (3), c of limbs 1 to 3, over the lengths of d and s
-sp_FRAMES = 21  # D and S, column by column
-sp_TURNED = 39  # D^T d and S^T s of the two limbs left
-sp_VALUES = 51
-sp_ROOTS = 60
+sp_VALUES = 0
+sp_ROOTS = 9
 sp_STACK = sp_ROOTS + 2 * octic_MOST
-sp_STATE = sp_STACK + 11 * octic_DEPTH  # quaternion (4), equations (3), slope (9), adjugate (9)
-sp_FOUND = sp_STATE + 25
+sp_FOUND = sp_STACK + 11 * octic_DEPTH
 sp_WORK = sp_FOUND + sp_MODES * sp_KEPT
 
 
-def sp_turned(w, quaternion):  # type: ignore[no-untyped-def]
-    """Return the rotation of a quaternion, row by row."""
-    q0 = w[quaternion]
-    q1 = w[quaternion + 1]
-    q2 = w[quaternion + 2]
-    q3 = w[quaternion + 3]
-    return (
+class Quaternion(NamedTuple):
+    """A rotation; of unit length."""
+
+    q0: float
+    q1: float
+    q2: float
+    q3: float
+
+
+class Goal(NamedTuple):
+    """A limb's equation d . R s = c, over the lengths of d and s."""
+
+    d: Vec3
+    s: Vec3
+    c: float
+
+
+class Goals(NamedTuple):
+    """The equations of limbs 1 to 3."""
+
+    limb1: Goal
+    limb2: Goal
+    limb3: Goal
+
+
+class Equation(NamedTuple):
+    """By how much an equation misses, and its slope by turns about the base's axes."""
+
+    f: float
+    slope: Vec3
+
+
+class System(NamedTuple):
+    """The equations at a rotation."""
+
+    f: Vec3
+    one: Vec3  # slopes
+    two: Vec3
+    three: Vec3
+    worst: float  # largest miss; not a number if any is not
+
+
+class Solved(NamedTuple):
+    """Where Newton's method ends."""
+
+    state: Quaternion
+    system: System
+    miss: float
+
+
+class Axes(NamedTuple):
+    """An orthonormal frame."""
+
+    x: Vec3
+    y: Vec3
+    z: Vec3
+
+
+class Left(NamedTuple):
+    """One of the two limbs left: D^T d, S^T s and c."""
+
+    d: Vec3
+    s: Vec3
+    c: float
+
+
+class Turn(NamedTuple):
+    """Cosine and sine of an angle."""
+
+    c: float
+    s: float
+
+
+class Reduced(NamedTuple):
+    """What is left to solve, with one limb's equation solved by cos g = c."""
+
+    base: Axes  # D
+    platform: Axes  # S
+    one: Left
+    two: Left
+    g: Turn
+
+
+class Linear(NamedTuple):
+    """A cos b + B sin b + C = 0."""
+
+    a: float
+    b: float
+    c: float
+
+
+def sp_rotation(q):  # type: ignore[no-untyped-def]
+    """Return the rotation of a quaternion."""
+    q0, q1, q2, q3 = q
+    return Rotation(
         q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3, 2.0 * (q1 * q2 - q0 * q3), 2.0 * (q1 * q3 + q0 * q2),
         2.0 * (q1 * q2 + q0 * q3), q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3, 2.0 * (q2 * q3 - q0 * q1),
         2.0 * (q1 * q3 - q0 * q2), 2.0 * (q2 * q3 + q0 * q1), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3,
     )  # fmt: skip
 
 
-def sp_equations(w):  # type: ignore[no-untyped-def]
-    """Put the equations at the state and their slopes by turns about the base's axes in place."""
-    r11, r12, r13, r21, r22, r23, r31, r32, r33 = sp_turned(w, sp_STATE)
-    worst = 0.0
-    total = 0.0
-    for i in range(3):
-        k = sp_SYSTEM + 7 * i
-        sx = r11 * w[k + 3] + r12 * w[k + 4] + r13 * w[k + 5]
-        sy = r21 * w[k + 3] + r22 * w[k + 4] + r23 * w[k + 5]
-        sz = r31 * w[k + 3] + r32 * w[k + 4] + r33 * w[k + 5]
-        f = w[k] * sx + w[k + 1] * sy + w[k + 2] * sz - w[k + 6]
-        w[sp_STATE + 4 + i] = f
-        worst = abs(f) if abs(f) > worst else worst
-        total += abs(f)
-        j = sp_STATE + 7 + 3 * i
-        w[j] = sy * w[k + 2] - sz * w[k + 1]
-        w[j + 1] = sz * w[k] - sx * w[k + 2]
-        w[j + 2] = sx * w[k + 1] - sy * w[k]
-    # Not a number if any is not.
-    return worst + 0.0 * total
+def sp_equation(r, goal):  # type: ignore[no-untyped-def]
+    """Return a limb's equation at a rotation."""
+    s = turned(r, goal.s)
+    d = goal.d
+    slope = Vec3(s.y * d.z - s.z * d.y, s.z * d.x - s.x * d.z, s.x * d.y - s.y * d.x)
+    return Equation(dot(d, s) - goal.c, slope)
 
 
-def sp_adjugate(w):  # type: ignore[no-untyped-def]
-    """Put the slope's adjugate in place; return its determinant."""
-    j = sp_STATE + 7
-    a = sp_STATE + 16
-    w[a] = w[j + 4] * w[j + 8] - w[j + 5] * w[j + 7]
-    w[a + 1] = w[j + 2] * w[j + 7] - w[j + 1] * w[j + 8]
-    w[a + 2] = w[j + 1] * w[j + 5] - w[j + 2] * w[j + 4]
-    w[a + 3] = w[j + 5] * w[j + 6] - w[j + 3] * w[j + 8]
-    w[a + 4] = w[j] * w[j + 8] - w[j + 2] * w[j + 6]
-    w[a + 5] = w[j + 2] * w[j + 3] - w[j] * w[j + 5]
-    w[a + 6] = w[j + 3] * w[j + 7] - w[j + 4] * w[j + 6]
-    w[a + 7] = w[j + 1] * w[j + 6] - w[j] * w[j + 7]
-    w[a + 8] = w[j] * w[j + 4] - w[j + 1] * w[j + 3]
-    return w[j] * w[a] + w[j + 1] * w[a + 3] + w[j + 2] * w[a + 6]
+def sp_equations(state, goals):  # type: ignore[no-untyped-def]
+    """Return the equations at a state."""
+    r = sp_rotation(state)
+    one = sp_equation(r, goals.limb1)
+    two = sp_equation(r, goals.limb2)
+    three = sp_equation(r, goals.limb3)
+    worst = abs(one.f) if abs(one.f) > 0.0 else 0.0
+    worst = abs(two.f) if abs(two.f) > worst else worst
+    worst = abs(three.f) if abs(three.f) > worst else worst
+    total = abs(one.f) + abs(two.f) + abs(three.f)
+    f = Vec3(one.f, two.f, three.f)
+    return System(f, one.slope, two.slope, three.slope, worst + 0.0 * total)
 
 
-def sp_turn(w, x, y, z):  # type: ignore[no-untyped-def]
-    """Turn the state by (x, y, z), radians about the base's axes, to second order of a turn."""
-    p0 = w[sp_STATE]
-    p1 = w[sp_STATE + 1]
-    p2 = w[sp_STATE + 2]
-    p3 = w[sp_STATE + 3]
-    x *= 0.5
-    y *= 0.5
-    z *= 0.5
-    q0 = p0 - x * p1 - y * p2 - z * p3
-    q1 = p1 + x * p0 + y * p3 - z * p2
-    q2 = p2 + y * p0 + z * p1 - x * p3
-    q3 = p3 + z * p0 + x * p2 - y * p1
+def sp_adjugate_of(at):  # type: ignore[no-untyped-def]
+    """Return the adjugate of the slope."""
+    j1, j2, j3 = at.one, at.two, at.three
+    xx = j2.y * j3.z - j2.z * j3.y
+    yx = j2.z * j3.x - j2.x * j3.z
+    zx = j2.x * j3.y - j2.y * j3.x
+    return Adjugate(
+        xx, j1.z * j3.y - j1.y * j3.z, j1.y * j2.z - j1.z * j2.y,
+        yx, j1.x * j3.z - j1.z * j3.x, j1.z * j2.x - j1.x * j2.z,
+        zx, j1.y * j3.x - j1.x * j3.y, j1.x * j2.y - j1.y * j2.x,
+        j1.x * xx + j1.y * yx + j1.z * zx,
+    )  # fmt: skip
+
+
+def sp_turn(p, way, angle):  # type: ignore[no-untyped-def]
+    """Return a state, turned about a direction of the base, to second order of a turn."""
+    x = angle * way.x * 0.5
+    y = angle * way.y * 0.5
+    z = angle * way.z * 0.5
+    q0 = p.q0 - x * p.q1 - y * p.q2 - z * p.q3
+    q1 = p.q1 + x * p.q0 + y * p.q3 - z * p.q2
+    q2 = p.q2 + y * p.q0 + z * p.q1 - x * p.q3
+    q3 = p.q3 + z * p.q0 + x * p.q2 - y * p.q1
+    return sp_unit(q0, q1, q2, q3)
+
+
+def sp_unit(q0, q1, q2, q3):  # type: ignore[no-untyped-def]
+    """Return a quaternion of unit length."""
     unit = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-    w[sp_STATE] = q0 * unit
-    w[sp_STATE + 1] = q1 * unit
-    w[sp_STATE + 2] = q2 * unit
-    w[sp_STATE + 3] = q3 * unit
+    return Quaternion(q0 * unit, q1 * unit, q2 * unit, q3 * unit)
 
 
-def sp_newton(w):  # type: ignore[no-untyped-def]
-    """Move the state to a solution; return the largest miss of an equation there."""
-    worst = sp_equations(w)
+def sp_newton(state, goals):  # type: ignore[no-untyped-def]
+    """Return the solution that Newton's method leads to."""
+    at = sp_equations(state, goals)
+    worst = at.worst
     idle = 0
     for _ in range(60):
-        d = sp_adjugate(w)
-        unit = -d / (d * d + TINY)
-        a = sp_STATE + 16
-        f1 = w[sp_STATE + 4]
-        f2 = w[sp_STATE + 5]
-        f3 = w[sp_STATE + 6]
-        x = unit * (w[a] * f1 + w[a + 1] * f2 + w[a + 2] * f3)
-        y = unit * (w[a + 3] * f1 + w[a + 4] * f2 + w[a + 5] * f3)
-        z = unit * (w[a + 6] * f1 + w[a + 7] * f2 + w[a + 8] * f3)
-        size = math.sqrt(x * x + y * y + z * z)
-        shorter = 0.5 / size if size > 0.5 else 1.0
-        q0 = w[sp_STATE]
-        q1 = w[sp_STATE + 1]
-        q2 = w[sp_STATE + 2]
-        q3 = w[sp_STATE + 3]
-        sp_turn(w, shorter * x, shorter * y, shorter * z)
-        miss = sp_equations(w)
+        way = assembly_solved(sp_adjugate_of(at), at.f)
+        size = assembly_size(way)
+        before = state
+        state = sp_turn(before, way, 0.5 / size if size > 0.5 else 1.0)
+        at = sp_equations(state, goals)
+        miss = at.worst
         if miss < sp_CLOSE and miss >= 0.5 * worst:
             # Nothing is left but rounding: two such steps, then the better of both states.
             idle += 1
             if miss >= worst:
-                w[sp_STATE] = q0
-                w[sp_STATE + 1] = q1
-                w[sp_STATE + 2] = q2
-                w[sp_STATE + 3] = q3
-                miss = sp_equations(w)
+                state = before
+                at = sp_equations(state, goals)
+                miss = at.worst
             if idle > 1 or size < EPS:
                 worst = miss
                 break
         worst = miss
         if size <= 0.25 * EPS:
             break
-    return worst
+    return Solved(state, at, worst)
 
 
-def sp_keep(w, count):  # type: ignore[no-untyped-def]
-    """Keep the state if it solves the equations and is new; return how many are kept."""
-    if not sp_newton(w) <= sp_CLOSE:
+def sp_kept(w, k):  # type: ignore[no-untyped-def]
+    """Return a mode that is kept."""
+    at = sp_FOUND + sp_KEPT * k
+    return Quaternion(w[at], w[at + 1], w[at + 2], w[at + 3])
+
+
+def sp_keep(w, count, start, goals):  # type: ignore[no-untyped-def]
+    """Keep the solution that a state leads to if it is new; return how many are kept."""
+    solved = sp_newton(start, goals)
+    if not solved.miss <= sp_CLOSE:
         return count
-    d = sp_adjugate(w)
-    total = 0.0
-    for i in range(9):
-        total += w[sp_STATE + 16 + i] * w[sp_STATE + 16 + i]
+    adj = sp_adjugate_of(solved.system)
+    total = adj.xx * adj.xx + adj.xy * adj.xy + adj.xz * adj.xz
+    total = total + adj.yx * adj.yx + adj.yy * adj.yy + adj.yz * adj.yz
+    total = total + adj.zx * adj.zx + adj.zy * adj.zy + adj.zz * adj.zz
     # What a miss by rounding moves the solution by.
-    radius = 16.0 * EPS * math.sqrt(total) / (abs(d) + TINY)
+    radius = 16.0 * EPS * math.sqrt(total) / (abs(adj.det) + TINY)
     radius = radius if radius < 1e-5 else 1e-5
+    state = solved.state
     for k in range(count):
         at = sp_FOUND + sp_KEPT * k
         same = 0.0
         other = 0.0
         for i in range(4):
-            gap = w[at + i] - w[sp_STATE + i]
+            gap = w[at + i] - state[i]
             same += gap * gap
-            gap = w[at + i] + w[sp_STATE + i]
+            gap = w[at + i] + state[i]
             other += gap * gap
         if 2.0 * math.sqrt(same if same < other else other) <= radius + w[at + 4]:
             return count
@@ -178,67 +266,32 @@ def sp_keep(w, count):  # type: ignore[no-untyped-def]
         return count
     at = sp_FOUND + sp_KEPT * count
     for i in range(4):
-        w[at + i] = w[sp_STATE + i]
+        w[at + i] = state[i]
     w[at + 4] = radius
     return count + 1
 
 
-def sp_twin(w, k):  # type: ignore[no-untyped-def]
-    """Move the state to where mode k may have a twin; return whether it may."""
-    for i in range(4):
-        w[sp_STATE + i] = w[sp_FOUND + sp_KEPT * k + i]
-    sp_equations(w)
-    det = sp_adjugate(w)
-    # The adjugate tends to a product of the directions that the slope hardly moves and that it
-    # hardly reaches: its largest column and row.
-    a = sp_STATE + 16
-    best = 0.0
-    row = 0
-    column = 0
-    for i in range(3):
-        for j in range(3):
-            if abs(w[a + 3 * i + j]) > best:
-                best = abs(w[a + 3 * i + j])
-                row = i
-                column = j
-    if best <= TINY:
-        return False
-    x = w[a + column]
-    y = w[a + 3 + column]
-    z = w[a + 6 + column]
-    size = math.sqrt(x * x + y * y + z * z)
-    x /= size
-    y /= size
-    z /= size
-    u = w[a + 3 * row]
-    v = w[a + 3 * row + 1]
-    t = w[a + 3 * row + 2]
-    # adj(J) J = det: the row times J is det along axis ``row``.
-    along = (x if row == 0 else (y if row == 1 else z)) * det
-    bend = 0.0
-    step = 1e-3
-    for side in range(2):
-        for i in range(4):
-            w[sp_STATE + i] = w[sp_FOUND + sp_KEPT * k + i]
-        way = step if side == 0 else -step
-        sp_turn(w, way * x, way * y, way * z)
-        sp_equations(w)
-        bend += u * w[sp_STATE + 4] + v * w[sp_STATE + 5] + t * w[sp_STATE + 6]
-    bend /= step * step
-    if not abs(along) < 0.15 * abs(bend):
-        return False
-    away = -2.0 * along / bend
-    for i in range(4):
-        w[sp_STATE + i] = w[sp_FOUND + sp_KEPT * k + i]
-    sp_turn(w, away * x, away * y, away * z)
-    return True
+def sp_twins(w, count, goals):  # type: ignore[no-untyped-def]
+    """Seek twins of the modes that are kept; return how many are kept then."""
+    k = 0
+    while k < count:
+        mode = sp_kept(w, k)
+        heading = assembly_heading(sp_adjugate_of(sp_equations(mode, goals)))
+        bend = 0.0
+        for side in range(2):
+            step = ASSEMBLY_STEP if side == 0 else -ASSEMBLY_STEP
+            f = sp_equations(sp_turn(mode, heading.way, step), goals).f
+            bend += heading.weights.x * f.x + heading.weights.y * f.y + heading.weights.z * f.z
+        away, near = assembly_apart(heading, bend)
+        if near:
+            count = sp_keep(w, count, sp_turn(mode, heading.way, away), goals)
+        k += 1
+    return count
 
 
-def sp_frame(w, at, x, y, z):  # type: ignore[no-untyped-def]
-    """Put an orthonormal frame with first axis along a unit vector in place, axis by axis."""
-    w[at] = x
-    w[at + 1] = y
-    w[at + 2] = z
+def sp_frame(a):  # type: ignore[no-untyped-def]
+    """Return an orthonormal frame with its first axis along a unit vector."""
+    x, y, z = a.x, a.y, a.z
     # Across the axis that the vector is furthest from.
     ax = abs(x)
     ay = abs(y)
@@ -253,66 +306,114 @@ def sp_frame(w, at, x, y, z):  # type: ignore[no-untyped-def]
     vx *= unit
     vy *= unit
     vz *= unit
-    w[at + 3] = vx
-    w[at + 4] = vy
-    w[at + 5] = vz
-    w[at + 6] = y * vz - z * vy
-    w[at + 7] = z * vx - x * vz
-    w[at + 8] = x * vy - y * vx
+    return Axes(a, Vec3(vx, vy, vz), Vec3(y * vz - z * vy, z * vx - x * vz, x * vy - y * vx))
 
 
-def sp_linear(w, j, ca, sa, cg, sg, goal):  # type: ignore[no-untyped-def]
+def sp_along(axes, a):  # type: ignore[no-untyped-def]
+    """Return a vector in a frame."""
+    return Vec3(dot(axes.x, a), dot(axes.y, a), dot(axes.z, a))
+
+
+def sp_left(base, platform, goal):  # type: ignore[no-untyped-def]
+    """Return one of the limbs left."""
+    return Left(sp_along(base, goal.d), sp_along(platform, goal.s), goal.c)
+
+
+def sp_reduced(goals, first):  # type: ignore[no-untyped-def]
+    """Return what is left once the equation of limb ``first`` is solved."""
+    limbs = (goals.limb1, goals.limb2, goals.limb3)
+    goal = limbs[first]
+    base = sp_frame(goal.d)
+    platform = sp_frame(goal.s)
+    one = sp_left(base, platform, limbs[1 if first == 0 else 0])
+    two = sp_left(base, platform, limbs[1 if first == 2 else 2])
+    cg = goal.c
+    cg = 1.0 if cg > 1.0 else (-1.0 if cg < -1.0 else cg)
+    return Reduced(base, platform, one, two, Turn(cg, math.sqrt((1.0 - cg) * (1.0 + cg))))
+
+
+def sp_linear(limb, a, g):  # type: ignore[no-untyped-def]
     """Return A, B, C of one of the two limbs left at an angle a."""
-    k = sp_TURNED + 6 * j
-    e1 = w[k]
-    e2 = w[k + 1] * ca + w[k + 2] * sa
-    e3 = w[k + 2] * ca - w[k + 1] * sa
-    across = e2 * cg - e1 * sg
-    return (
-        across * w[k + 4] + e3 * w[k + 5],
-        e3 * w[k + 4] - across * w[k + 5],
-        (e1 * cg + e2 * sg) * w[k + 3] - goal,
+    d, s = limb.d, limb.s
+    e1 = d.x
+    e2 = d.y * a.c + d.z * a.s
+    e3 = d.z * a.c - d.y * a.s
+    across = e2 * g.c - e1 * g.s
+    return Linear(
+        across * s.y + e3 * s.z, e3 * s.y - across * s.z, (e1 * g.c + e2 * g.s) * s.x - limb.c
     )
 
 
-def sp_set(w, ca, sa, cg, sg, cb, sb):  # type: ignore[no-untyped-def]
-    """Set the state to D Rx(a) Rz(g) Rx(b) S^T."""
+def sp_state(at, a, b):  # type: ignore[no-untyped-def]
+    """Return D Rx(a) Rz(g) Rx(b) S^T."""
+    ca, sa, cb, sb = a.c, a.s, b.c, b.s
+    cg, sg = at.g.c, at.g.s
     # M = Rx(a) Rz(g) Rx(b)
     m11, m12, m13 = cg, -sg * cb, sg * sb
     m21, m22, m23 = ca * sg, ca * cg * cb - sa * sb, -ca * cg * sb - sa * cb
     m31, m32, m33 = sa * sg, sa * cg * cb + ca * sb, ca * cb - sa * cg * sb
-    d = sp_FRAMES
-    s = sp_FRAMES + 9
-    r = sp_STATE + 7
-    for i in range(3):
-        n1 = w[d + i] * m11 + w[d + 3 + i] * m21 + w[d + 6 + i] * m31
-        n2 = w[d + i] * m12 + w[d + 3 + i] * m22 + w[d + 6 + i] * m32
-        n3 = w[d + i] * m13 + w[d + 3 + i] * m23 + w[d + 6 + i] * m33
-        for j in range(3):
-            w[r + 3 * i + j] = n1 * w[s + j] + n2 * w[s + 3 + j] + n3 * w[s + 6 + j]
-    r11, r12, r13, r21, r22, r23 = w[r], w[r + 1], w[r + 2], w[r + 3], w[r + 4], w[r + 5]
-    r31, r32, r33 = w[r + 6], w[r + 7], w[r + 8]
-    # The quaternion from its largest component.
+    m = Rotation(m11, m12, m13, m21, m22, m23, m31, m32, m33)
+    d = at.base
+    row1 = sp_entries(Vec3(d.x.x, d.y.x, d.z.x), m, at.platform)
+    row2 = sp_entries(Vec3(d.x.y, d.y.y, d.z.y), m, at.platform)
+    row3 = sp_entries(Vec3(d.x.z, d.y.z, d.z.z), m, at.platform)
+    return sp_quaternion(row1, row2, row3)
+
+
+def sp_entries(d, m, platform):  # type: ignore[no-untyped-def]
+    """Return a row of D M S^T from one of D."""
+    n1 = d.x * m.xx + d.y * m.yx + d.z * m.zx
+    n2 = d.x * m.xy + d.y * m.yy + d.z * m.zy
+    n3 = d.x * m.xz + d.y * m.yz + d.z * m.zz
+    s1, s2, s3 = platform
+    return Vec3(
+        n1 * s1.x + n2 * s2.x + n3 * s3.x,
+        n1 * s1.y + n2 * s2.y + n3 * s3.y,
+        n1 * s1.z + n2 * s2.z + n3 * s3.z,
+    )
+
+
+def sp_quaternion(row1, row2, row3):  # type: ignore[no-untyped-def]
+    """Return the quaternion of a rotation by its rows, from its largest component."""
+    r11, r12, r13 = row1
+    r21, r22, r23 = row2
+    r31, r32, r33 = row3
     trace = r11 + r22 + r33
     if trace >= r11 and trace >= r22 and trace >= r33:
-        q0, q1, q2, q3 = 1.0 + trace, r32 - r23, r13 - r31, r21 - r12
-    elif r11 >= r22 and r11 >= r33:
-        q0, q1, q2, q3 = r32 - r23, 1.0 + r11 - r22 - r33, r12 + r21, r13 + r31
-    elif r22 >= r33:
-        q0, q1, q2, q3 = r13 - r31, r12 + r21, 1.0 - r11 + r22 - r33, r23 + r32
-    else:
-        q0, q1, q2, q3 = r21 - r12, r13 + r31, r23 + r32, 1.0 - r11 - r22 + r33
-    unit = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-    w[sp_STATE] = q0 * unit
-    w[sp_STATE + 1] = q1 * unit
-    w[sp_STATE + 2] = q2 * unit
-    w[sp_STATE + 3] = q3 * unit
+        return sp_unit(1.0 + trace, r32 - r23, r13 - r31, r21 - r12)
+    if r11 >= r22 and r11 >= r33:
+        return sp_unit(r32 - r23, 1.0 + r11 - r22 - r33, r12 + r21, r13 + r31)
+    if r22 >= r33:
+        return sp_unit(r13 - r31, r12 + r21, 1.0 - r11 + r22 - r33, r23 + r32)
+    return sp_unit(r21 - r12, r13 + r31, r23 + r32, 1.0 - r11 - r22 + r33)
 
 
-def sp_starts(w, count, i, j, ca, sa, cg, sg):  # type: ignore[no-untyped-def]
+def sp_at(t, phase):  # type: ignore[no-untyped-def]
+    """Return the angle a whose tan(a / 2) is t, and a phase more."""
+    weight = 1.0 + t * t
+    c = (1.0 - t * t) / weight
+    s = 2.0 * t / weight
+    return Turn(c * phase.c - s * phase.s, s * phase.c + c * phase.s)
+
+
+def sp_polynomial(t, phase, at):  # type: ignore[no-untyped-def]
+    """Return the polynomial of degree 8 at tan(a / 2)."""
+    weight = 1.0 + t * t
+    a = sp_at(t, phase)
+    a1, b1, c1 = sp_linear(at.one, a, at.g)
+    a2, b2, c2 = sp_linear(at.two, a, at.g)
+    det = a1 * b2 - b1 * a2
+    cosine = b1 * c2 - c1 * b2
+    sine = c1 * a2 - a1 * c2
+    weight *= weight
+    weight *= weight
+    return (cosine * cosine + sine * sine - det * det) * weight
+
+
+def sp_starts(w, count, a, at, goals):  # type: ignore[no-untyped-def]
     """Seek solutions from both b that one limb left allows at an angle a; return how many."""
-    a1, b1, c1 = sp_linear(w, 0, ca, sa, cg, sg, w[sp_SYSTEM + 7 * i + 6])
-    a2, b2, c2 = sp_linear(w, 1, ca, sa, cg, sg, w[sp_SYSTEM + 7 * j + 6])
+    a1, b1, c1 = sp_linear(at.one, a, at.g)
+    a2, b2, c2 = sp_linear(at.two, a, at.g)
     size = a1 * a1 + b1 * b1
     if a2 * a2 + b2 * b2 > size:
         a1, b1, c1 = a2, b2, c2
@@ -326,9 +427,76 @@ def sp_starts(w, count, i, j, ca, sa, cg, sg):  # type: ignore[no-untyped-def]
         sb = (a1 * root - b1 * c1) * unit
         turn = math.sqrt(cb * cb + sb * sb)
         if turn > 0.0:
-            sp_set(w, ca, sa, cg, sg, cb / turn, sb / turn)
-            count = sp_keep(w, count)
+            start = sp_state(at, a, Turn(cb / turn, sb / turn))
+            count = sp_keep(w, count, start, goals)
     return count
+
+
+def sp_search(constants, w, count, phase, at, goals):  # type: ignore[no-untyped-def]
+    """Seek solutions by half the circle of a; return how many are kept, and can be at most."""
+    values = w[sp_VALUES : sp_VALUES + 9]
+    roots = w[sp_ROOTS : sp_ROOTS + 2 * octic_MOST]
+    stack = w[sp_STACK : sp_STACK + 11 * octic_DEPTH]
+    largest = 0.0
+    for m in range(9):
+        values[m] = sp_polynomial(constants[18 + m], phase, at)
+        largest = abs(values[m]) if abs(values[m]) > largest else largest
+    # A, B, C are of size 2 at most, each with an error of a few units in the last place.
+    error = 1e-13
+    if not largest > error:
+        # The equations say nothing about a: as far as Newton's method finds modes.
+        for m in range(9):
+            count = sp_starts(w, count, sp_at(constants[18 + m], phase), at, goals)
+        return count, 99
+    some, most = octic_roots(values, error, constants[27:109], stack, roots)
+    for m in range(some):
+        around = 3 if roots[2 * m + 1] > 0.0 else 1
+        for side in range(around):
+            shift = roots[2 * m + 1] if side == 1 else (-roots[2 * m + 1] if side == 2 else 0.0)
+            count = sp_starts(w, count, sp_at(roots[2 * m] + shift, phase), at, goals)
+    return count, most
+
+
+def sp_goal(joints, constants, i, size):  # type: ignore[no-untyped-def]
+    """Return a limb's equation, lengths over ``size``."""
+    dx = constants[3 * i] / size
+    dy = constants[3 * i + 1] / size
+    dz = constants[3 * i + 2] / size
+    sx = constants[9 + 2 * i] / size
+    sy = constants[10 + 2 * i] / size
+    sz = joints[3] / size
+    d = math.sqrt(dx * dx + dy * dy + dz * dz)
+    s = math.sqrt(sx * sx + sy * sy + sz * sz)
+    length = joints[i] / size
+    # (s^2 + d^2 - l^2) / 2 without the digits that squares lose where d is small.
+    goal = (d * d + (s - length) * (s + length)) / (2.0 * d * s)
+    return Goal(Vec3(dx / d, dy / d, dz / d), Vec3(sx / s, sy / s, sz / s), goal)
+
+
+def sp_write(q, joints, constants, out):  # type: ignore[no-untyped-def]
+    """Write pose, residual and distance from home of a mode."""
+    l4 = joints[3]
+    r = sp_rotation(q)
+    phi, theta, psi = assembly_angles(r)
+    out[0] = phi
+    out[1] = theta
+    out[2] = psi
+    out[3] = l4
+    worst = 0.0
+    for n in range(3):
+        ex = constants[9 + 2 * n]
+        ey = constants[10 + 2 * n]
+        x = r.xx * ex + r.xy * ey + r.xz * l4 - constants[3 * n]
+        y = r.yx * ex + r.yy * ey + r.yz * l4 - constants[3 * n + 1]
+        z = r.zx * ex + r.zy * ey + r.zz * l4 - constants[3 * n + 2]
+        miss = abs(math.sqrt(x * x + y * y + z * z) - joints[n])
+        worst = miss if miss > worst else worst
+    out[4] = worst
+    away = 0.0
+    for n in range(3):
+        gap = assembly_principal(out[n] - constants[15 + n])
+        away += gap * gap
+    out[5] = away
 
 
 def sp_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
@@ -344,140 +512,37 @@ def sp_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
     w : (sp_WORK,)
         Scratch space.
     """
-    l4 = joints[3]
     # Over the longest of everything: lengths of any unit are alike.
-    size = abs(l4)
+    size = abs(joints[3])
     for i in range(3):
         if joints[i] < 0.0:
             return 0, True
         size = joints[i] if joints[i] > size else size
     for i in range(15):
         size = abs(constants[i]) if abs(constants[i]) > size else size
+    goals = Goals(
+        sp_goal(joints, constants, 0, size),
+        sp_goal(joints, constants, 1, size),
+        sp_goal(joints, constants, 2, size),
+    )
+    # The limb furthest from stretched and folded goes first.
     flattest = 2.0
     first = 0
     for i in range(3):
-        k = sp_SYSTEM + 7 * i
-        dx = constants[3 * i] / size
-        dy = constants[3 * i + 1] / size
-        dz = constants[3 * i + 2] / size
-        sx = constants[9 + 2 * i] / size
-        sy = constants[10 + 2 * i] / size
-        sz = l4 / size
-        d = math.sqrt(dx * dx + dy * dy + dz * dz)
-        s = math.sqrt(sx * sx + sy * sy + sz * sz)
-        length = joints[i] / size
-        # (s^2 + d^2 - l^2) / 2 without the digits that squares lose where d is small.
-        goal = (d * d + (s - length) * (s + length)) / (2.0 * d * s)
-        w[k], w[k + 1], w[k + 2] = dx / d, dy / d, dz / d
-        w[k + 3], w[k + 4], w[k + 5] = sx / s, sy / s, sz / s
-        w[k + 6] = goal
-        if abs(goal) < flattest:
-            flattest = abs(goal)
+        goal = abs(goals[i].c)
+        if goal < flattest:
+            flattest = goal
             first = i
-        if abs(goal) > 1.0 + 16.0 * EPS:
+        if goal > 1.0 + 16.0 * EPS:
             return 0, True
-    # The limb furthest from stretched and folded goes first.
-    i = 1 if first == 0 else 0
-    j = 1 if first == 2 else 2
-    k = sp_SYSTEM + 7 * first
-    sp_frame(w, sp_FRAMES, w[k], w[k + 1], w[k + 2])
-    sp_frame(w, sp_FRAMES + 9, w[k + 3], w[k + 4], w[k + 5])
-    for side in range(2):
-        other = sp_SYSTEM + 7 * (i if side == 0 else j)
-        for axis in range(3):
-            total = 0.0
-            also = 0.0
-            for m in range(3):
-                total += w[sp_FRAMES + 3 * axis + m] * w[other + m]
-                also += w[sp_FRAMES + 9 + 3 * axis + m] * w[other + 3 + m]
-            w[sp_TURNED + 6 * side + axis] = total
-            w[sp_TURNED + 6 * side + 3 + axis] = also
-    cg = w[k + 6]
-    cg = 1.0 if cg > 1.0 else (-1.0 if cg < -1.0 else cg)
-    sg = math.sqrt((1.0 - cg) * (1.0 + cg))
-    values = w[sp_VALUES : sp_VALUES + 9]
-    roots = w[sp_ROOTS : sp_ROOTS + 2 * octic_MOST]
-    stack = w[sp_STACK : sp_STACK + 11 * octic_DEPTH]
-    count = 0
-    bound = 0
+    at = sp_reduced(goals, first)
     phase_s, phase_c = sin_cos(sp_PHASE)
-    for _ in range(2):
-        largest = 0.0
-        for m in range(9):
-            t = constants[18 + m]
-            weight = 1.0 + t * t
-            c = (1.0 - t * t) / weight
-            s = 2.0 * t / weight
-            ca = c * phase_c - s * phase_s
-            sa = s * phase_c + c * phase_s
-            a1, b1, c1 = sp_linear(w, 0, ca, sa, cg, sg, w[sp_SYSTEM + 7 * i + 6])
-            a2, b2, c2 = sp_linear(w, 1, ca, sa, cg, sg, w[sp_SYSTEM + 7 * j + 6])
-            det = a1 * b2 - b1 * a2
-            cosine = b1 * c2 - c1 * b2
-            sine = c1 * a2 - a1 * c2
-            weight *= weight
-            weight *= weight
-            values[m] = (cosine * cosine + sine * sine - det * det) * weight
-            largest = abs(values[m]) if abs(values[m]) > largest else largest
-        # A, B, C are of size 2 at most, each with an error of a few units in the last place.
-        error = 1e-13
-        matrix = constants[27:109]
-        if largest > error:
-            some, most = octic_roots(values, error, matrix, stack, roots)
-            bound += most
-            for m in range(some):
-                around = 3 if roots[2 * m + 1] > 0.0 else 1
-                for side in range(around):
-                    shift = (
-                        roots[2 * m + 1] if side == 1 else (-roots[2 * m + 1] if side == 2 else 0.0)
-                    )
-                    t = roots[2 * m] + shift
-                    weight = 1.0 + t * t
-                    c = (1.0 - t * t) / weight
-                    s = 2.0 * t / weight
-                    ca = c * phase_c - s * phase_s
-                    sa = s * phase_c + c * phase_s
-                    count = sp_starts(w, count, i, j, ca, sa, cg, sg)
-        else:
-            # The equations say nothing about a: as far as Newton's method finds modes.
-            bound = 99
-            for m in range(9):
-                t = constants[18 + m]
-                weight = 1.0 + t * t
-                c = (1.0 - t * t) / weight
-                s = 2.0 * t / weight
-                ca = c * phase_c - s * phase_s
-                sa = s * phase_c + c * phase_s
-                count = sp_starts(w, count, i, j, ca, sa, cg, sg)
-        phase_s = -phase_s
-        phase_c = -phase_c
-    m = 0
-    while m < count:
-        if sp_twin(w, m):
-            count = sp_keep(w, count)
-        m += 1
+    count, bound = sp_search(constants, w, 0, Turn(phase_c, phase_s), at, goals)
+    count, most = sp_search(constants, w, count, Turn(-phase_c, -phase_s), at, goals)
+    # Nothing is known of the number where the equations say nothing about a.
+    bound = 99 if most == 99 else bound + most
+    count = sp_twins(w, count, goals)
     for m in range(count):
-        r = sp_turned(w, sp_FOUND + sp_KEPT * m)
-        phi, theta, psi = assembly_angles(r)
-        found[m, 0] = phi
-        found[m, 1] = theta
-        found[m, 2] = psi
-        found[m, 3] = l4
-        worst = 0.0
-        for n in range(3):
-            ex = constants[9 + 2 * n]
-            ey = constants[10 + 2 * n]
-            x = r[0] * ex + r[1] * ey + r[2] * l4 - constants[3 * n]
-            y = r[3] * ex + r[4] * ey + r[5] * l4 - constants[3 * n + 1]
-            z = r[6] * ex + r[7] * ey + r[8] * l4 - constants[3 * n + 2]
-            miss = abs(math.sqrt(x * x + y * y + z * z) - joints[n])
-            worst = miss if miss > worst else worst
-        found[m, 4] = worst
-        away = 0.0
-        for n in range(3):
-            gap = found[m, n] - constants[15 + n]
-            gap -= 6.283185307179586 * math.floor(gap / 6.283185307179586 + 0.5)
-            away += gap * gap
-        found[m, 5] = away
+        sp_write(sp_kept(w, m), joints, constants, found[m])
     assembly_sort(found, count, 6)
     return count, bound <= count

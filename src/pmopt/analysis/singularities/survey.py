@@ -307,8 +307,8 @@ def _nearness(
     mechanism, parameters = sweeper.mechanism, design.parameters
     rows, poses, maps = [], [], []
     least = math.inf
-    for pose in probes:
-        branch = branch_at(sweeper.mechanism, sweeper.working_mode, parameters, pose)
+    for pose, branches in zip(probes, mechanism.inverses(parameters, probes), strict=True):
+        branch = next((b for b in branches if b.working_mode == sweeper.working_mode), None)
         if branch is None:
             continue
         found = mechanism.singularity_measures(parameters, pose, branch.joints)

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 #: Rows in a call: what a thread takes at once.
 CHUNK = 256
+#: What this process has the machine code of.
+_ready: set[Assembler] = set()
 
 
 def assemble_rows(
@@ -34,6 +36,7 @@ def assemble_rows(
     """
     compiled = programs.assembling(assembler)
     solve = compiled.assemble_all  # compiled here, before threads ask for it
+    _ready.add(assembler)
     found = np.zeros((len(joints), assembler.modes, assembler.columns))
     counts = np.zeros((len(joints), 2), dtype=np.int64)
 
@@ -44,6 +47,11 @@ def assemble_rows(
     for _ in spread(one, range(0, len(joints), CHUNK)):
         pass
     return found, counts
+
+
+def is_ready(assembler: Assembler) -> bool:
+    """Return whether this process has the machine code: then a few rows are solved by it, too."""
+    return assembler in _ready
 
 
 def assemble_plainly(

@@ -240,14 +240,16 @@ class Mechanism(Named, ABC):
         Compiled or not, every sum, product and root is the same.
         """
         from pmopt.execution.threads import default_threads, ordered_map
-        from pmopt.mechanisms.assembling import assemble_plainly, assemble_rows
+        from pmopt.mechanisms.assembling import assemble_plainly, assemble_rows, is_ready
 
         assert self.inverter is not None
         table = np.array([[pose[c.name] for c in self.pose] for pose in poses], dtype=float)
         table = table.reshape(len(poses), len(self.pose))
         constants = np.array(self.inversion_constants(parameters), dtype=float)
-        if len(poses) < _MANY:
+        if len(poses) < _MANY and not is_ready(self.inverter):
             found, counts = assemble_plainly(self.inverter, table, constants)
+        elif len(poses) < _MANY:
+            found, counts = assemble_rows(self.inverter, table, constants, map)
         else:
             found, counts = assemble_rows(
                 self.inverter, table, constants,

@@ -61,14 +61,15 @@ def _eliminated(matrices: Values, right: Values) -> tuple[Values, Values, Values
     count, n = a.shape[0], a.shape[1]
     at = np.arange(count)
     sign = np.ones(count)
-    for k in range(n):
+    parts = (a, b) if b.shape[2] else (a,)
+    for k in range(n - 1):
         pivot = k + np.argmax(np.abs(a[:, k:, k]), axis=1)
         sign = np.where(pivot != k, -sign, sign)
-        for part in (a, b):
+        for part in parts:
             part[at, k], part[at, pivot] = part[at, pivot], part[at, k]
         factor = a[:, k + 1 :, k] / np.where(a[:, k, k] == 0, 1.0, a[:, k, k])[:, None]
-        a[:, k + 1 :] -= factor[:, :, None] * a[:, k : k + 1]
-        b[:, k + 1 :] -= factor[:, :, None] * b[:, k : k + 1]
+        for part in parts:
+            part[:, k + 1 :] -= factor[:, :, None] * part[:, k : k + 1]
     return a, b, sign
 
 

@@ -146,7 +146,8 @@ def _scramble(directions: NDArray[np.uint64], rng: np.random.Generator) -> NDArr
     mask <<= left
     kept = directions[:, None, :] & mask[:, :, None]
     parity = np.bitwise_count(kept).astype(np.uint64) & np.uint64(1)
-    return np.asarray(np.bitwise_or.reduce(parity << left[:, None], axis=1))
+    scrambled: NDArray[np.uint64] = np.bitwise_or.reduce(parity << left[:, None], axis=1)
+    return scrambled
 
 
 def make_sequence(

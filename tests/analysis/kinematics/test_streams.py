@@ -18,7 +18,7 @@ from pmopt.analysis.kinematics.pose_rows import read_rows
 from pmopt.analysis.sizing import actuators
 from pmopt.errors import InputError, UnreachableError
 from pmopt.inputs import tables, text
-from pmopt.mechanisms import find
+from pmopt.mechanisms import assembling, find
 
 MECH = "2pauu-ppap"
 #: kB that thousands of rows may take beside what a few do.
@@ -46,6 +46,13 @@ def written(folder, poses, name="poses.csv"):
     return name
 
 
+@pytest.fixture
+def one_by_one_plainly(monkeypatch):
+    """Solve few poses without machine code, whether the process has it or not."""
+    monkeypatch.setattr(assembling, "is_ready", lambda _: False)
+
+
+@pytest.mark.usefixtures("one_by_one_plainly")
 def test_many_poses_have_the_branches_of_each(mechanism):
     poses = poses_about_home(mechanism, 100)
     parameters = mechanism.resolve({})
@@ -54,6 +61,7 @@ def test_many_poses_have_the_branches_of_each(mechanism):
     assert any(many)
 
 
+@pytest.mark.usefixtures("one_by_one_plainly")
 def test_many_results_are_those_of_each(mechanism):
     poses = poses_about_home(mechanism, 80, seed=4)
     limits = {mechanism.joints[0].name: (-0.1, 0.4)}
@@ -69,6 +77,18 @@ def test_many_results_are_those_of_each(mechanism):
             assert found == inverse_kinematics(mechanism, None, pose, "all", limits, place)
 
 
+def test_few_poses_are_solved_by_machine_code_that_is_there(monkeypatch):
+    """A pose after many takes a hundredth of the time; the bits are the same."""
+    mechanism = find("2uu-upu")
+    parameters, (pose, *_) = mechanism.resolve({}), poses_about_home(mechanism, 1)
+    monkeypatch.setattr(assembling, "_ready", set())
+    plain = mechanism.inverse(parameters, pose)
+    mechanism.inverses(parameters, [pose] * 70)
+    monkeypatch.setattr(assembling, "assemble_plainly", None)
+    assert mechanism.inverse(parameters, pose) == plain
+
+
+@pytest.mark.usefixtures("one_by_one_plainly")
 def test_far_poses_overflow_alike(mechanism):
     pose = {c.name: 1e9 if c.kind == "length" else 1e6 for c in mechanism.pose}
     parameters = mechanism.resolve({})

@@ -305,8 +305,8 @@ def _nearness(
     mechanism, parameters = sampler.space.mechanism, design.parameters
     rows, poses, maps = [], [], []
     least = math.inf
-    for pose in probes:
-        branch = branch_at(sampler.space.mechanism, sampler.space.working_mode, parameters, pose)
+    for pose, branches in zip(probes, mechanism.inverses(parameters, probes), strict=True):
+        branch = next((b for b in branches if b.working_mode == sampler.space.working_mode), None)
         if branch is None:
             continue
         found = mechanism.singularity_measures(parameters, pose, branch.joints)

@@ -74,7 +74,7 @@ INLINE void step(const struct sizes *k, column *at, int i, int j) {
     const double t0 = at[T1][i], e0 = at[E1][i], e1 = at[SIDE][i] * miss;
     const int again = at[BEFORE][i] != 0.0, before = e1 < 0.0 && slope > 0.0;
     const double low = before ? t : at[LOW][i], high = before ? at[HIGH][i] : t;
-    /* An end that stays has its slope halved (Illinois): the secant can not get stuck. */
+    /* An end that stays has its slope halved (Illinois): the secant cannot get stuck. */
     const double g_low = before ? even : again ? at[G_LOW][i] : 0.5 * at[G_LOW][i];
     const double g_high = !before ? even : again ? 0.5 * at[G_HIGH][i] : at[G_HIGH][i];
     const int searching = at[SEARCHING][i] != 0.0 && before && j < CELLS;

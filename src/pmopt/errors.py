@@ -43,7 +43,7 @@ class InputErrors(InputError):
 
 
 class UnreachableError(InputError):
-    """A pose or a set of joint positions that the mechanism can not take."""
+    """A pose or a set of joint positions that the mechanism cannot take."""
 
 
 class InfeasibleError(PmoptError):

@@ -20,7 +20,7 @@ from pmopt.mechanisms import find, names
 from pmopt.synthesis.config import resolve_config
 from pmopt.synthesis.problem import DesignProblem
 
-#: A pose that no limb reaches, and a design that can not be assembled anywhere.
+#: A pose that no limb reaches, and a design that cannot be assembled anywhere.
 FAR = {
     "2pauu-ppap": "x=9,y=0,z=1",
     "3-cur": "z=0.4,beta=1.5,gamma=1.5",

@@ -189,7 +189,7 @@ def test_what_cannot_be_moved_is_undone(replaced, monkeypatch, checkpoint):
 def test_a_folder_in_the_way_of_a_file(replaced):
     (replaced / "c.csv").mkdir()
     (replaced / "c.csv" / "precious").write_text("mine")
-    with pytest.raises(PmoptError, match=r"c\.csv: can not write: is a folder"):
+    with pytest.raises(PmoptError, match=r"c\.csv: cannot write: is a folder"):
         make(replaced, "new", ["b.csv", "c.csv"], checkpoint=False)
     assert state(replaced) == OLD | MINE | {"c.csv/precious": "mine"}
 
@@ -204,7 +204,7 @@ def immutable(replaced):
 
 
 def test_a_file_that_cannot_be_moved(replaced, immutable):
-    with pytest.raises(PmoptError, match="can not write: Operation not permitted"):
+    with pytest.raises(PmoptError, match="cannot write: Operation not permitted"):
         make(replaced, "new", ["b.csv", "c.csv"], checkpoint=False)
     assert state(replaced) == OLD | MINE
 

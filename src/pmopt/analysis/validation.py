@@ -48,7 +48,7 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        For a file that can not be read or is no TOML.
+        For a file that cannot be read or is no TOML.
     """
     try:
         data = parse_toml(read_text(path, largest=_LARGEST))
@@ -56,7 +56,7 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(f"{where}: no such file{advice(path)}") from None
     except OSError as error:
-        raise InputError(f"{where}: can not read: {error.strerror or error}") from None
+        raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
     except ValueError as error:
         raise InputError(f"{where}: is no TOML file: {error}") from None
     return data

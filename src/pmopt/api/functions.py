@@ -99,7 +99,7 @@ def fk(
     Raises
     ------
     pmopt.UnreachableError
-        Where the mechanism can not be assembled with these joint positions.
+        Where the mechanism cannot be assembled with these joint positions.
     """
     return Design.of(mechanism, params).fk(joints, near)
 

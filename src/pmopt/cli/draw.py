@@ -54,7 +54,7 @@ def draw_command(
     try:
         write_atomic(out, picture)
     except OSError as error:
-        raise InputError(f"--out: {out}: can not write: {error.strerror or error}") from None
+        raise InputError(f"--out: {out}: cannot write: {error.strerror or error}") from None
     notifier(quiet)(f"written to {out}")
     rows = tuple((name, value, found.units[name]) for name, value in found.pose.items())
     emit(

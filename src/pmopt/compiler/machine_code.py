@@ -374,7 +374,7 @@ def compile_ahead(
 ) -> None:
     """Compile what is missing of the entries wanted, in processes of their own.
 
-    Whatever a process can not do is done later, by the call that needs it.
+    Whatever a process cannot do is done later, by the call that needs it.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ INPUT, CONSTANT, LITERAL, ADD, SUB, SCALE, MUL, SQUARE, SQRT, INVERSE, SINE, COS
 
 
 class Untraceable(Exception):
-    """A kernel does what an expression can not follow."""
+    """A kernel does what an expression cannot follow."""
 
 
 class Expression:

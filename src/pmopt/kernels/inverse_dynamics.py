@@ -6,7 +6,7 @@ their derivative. With J_i the columns of limb i, V and A the platform's twist a
 
     J_i q_i' = V,   J_i q_i'' + J_i' q_i' = A                       (every limb)
 
-A QR decomposition of J_i gives the wrenches W_i that the limb can not move against, W_i V = 0, and
+A QR decomposition of J_i gives the wrenches W_i that the limb cannot move against, W_i V = 0, and
 its joints' rates, q_i' = J_i^+ V. With rows E of what the pose coordinates are (E V = X')::
 
     [W_1; W_2; ..; E] V = [0; X'],   [W_1; ..; E] A = [W_i J_i' q_i'; X'' - E' V]

@@ -369,7 +369,7 @@ class Mechanism(Named, ABC):
         return {}
 
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
-        """Say why the mechanism can not be assembled with these joint positions."""
+        """Say why the mechanism cannot be assembled with these joint positions."""
         return "no real solution of the constraints was found"
 
     # -- the hot path ------------------------------------------------------------------
@@ -391,7 +391,7 @@ class Mechanism(Named, ABC):
         """
 
     def idle_slacks(self, limits: Ranges) -> frozenset[int]:
-        """Return the numbers of those slacks of the kernel's margin that the limits can not touch.
+        """Return the numbers of those slacks of the kernel's margin that the limits cannot touch.
 
         Counted in the order in which the kernel takes their minimum. What is proven of a workspace
         leaves them out.

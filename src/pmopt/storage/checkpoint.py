@@ -135,7 +135,7 @@ class CheckpointFolder:
             for path in paths:
                 path.unlink(missing_ok=True)
         except OSError as error:
-            raise PmoptError(f"{path}: can not remove: {error.strerror or error}") from error
+            raise PmoptError(f"{path}: cannot remove: {error.strerror or error}") from error
 
     def check(self, notify: Notify | None = None) -> None:
         """Refuse to continue what is not this run, or this run cut off.
@@ -222,7 +222,7 @@ class CheckpointFolder:
             return Reached(number, dict(head["facts"]), table)
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             if notify:
-                reason = str(error) if type(error) is ValueError else "can not be read"
+                reason = str(error) if type(error) is ValueError else "cannot be read"
                 notify(f"{path}: {reason}: not used")
             return None
 

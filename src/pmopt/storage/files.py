@@ -33,7 +33,7 @@ def stage(path: Path, data: bytes | str) -> Path:
     Raises
     ------
     PmoptError
-        When the folder can not be written or the disk is full; what was there stays as it was.
+        When the folder cannot be written or the disk is full; what was there stays as it was.
     """
     temporary = None
     try:
@@ -165,7 +165,7 @@ def writing(path: Path) -> Iterator[Callable[[str], None]]:
 
 def unwritable(path: Path, error: OSError) -> PmoptError:
     """Return the error for a file or folder that cannot be written."""
-    return PmoptError(f"{path}: can not write: {error.strerror or error}")
+    return PmoptError(f"{path}: cannot write: {error.strerror or error}")
 
 
 def sha256(data: bytes | str) -> str:

@@ -272,7 +272,7 @@ def load_config(path: Path, sets: Sequence[str] = ()) -> RunConfig:
     Raises
     ------
     InputError
-        For a file that can not be read, is no TOML or does not validate.
+        For a file that cannot be read, is no TOML or does not validate.
     """
     data = overridden(read_config(path, "pareto"), sets)
     return resolve_config(data, str(path))

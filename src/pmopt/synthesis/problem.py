@@ -189,7 +189,7 @@ class DesignProblem:
                 for p in self.mechanism.parameters}  # fmt: skip
 
     def design(self, row: NDArray[np.float64]) -> Design:
-        """Return a design ready to be swept; one that can not be made ready reaches nothing."""
+        """Return a design ready to be swept; one that cannot be made ready reaches nothing."""
         parameters = self.parameters(row)
         try:
             return self.sampler.design(parameters)
@@ -206,7 +206,7 @@ class DesignProblem:
             return measure_projection(sampler, sampler.space.nothing(design.parameters), samples)
 
     def _failed(self, parameters: Parameters, error: Exception) -> None:
-        """Record why one design can not be evaluated; raise what concerns all of them."""
+        """Record why one design cannot be evaluated; raise what concerns all of them."""
         wrong = isinstance(error, InputError) and not isinstance(error, UnreachableError)
         if wrong or isinstance(error, MemoryError):
             raise error

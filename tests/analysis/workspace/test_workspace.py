@@ -514,7 +514,7 @@ def test_hole_of_a_torus_is_no_pocket():
 
 
 def test_spindle_torus_has_a_cavity():
-    """With l2 > l1 the links can not fold onto the axis: the lens there is out of reach.
+    """With l2 > l1 the links cannot fold onto the axis: the lens there is out of reach.
 
     Enclosed in the whole, open to the floor in the half of the default domain.
     """
@@ -701,7 +701,7 @@ def field_of(module, poses, constants):
 
 @pytest.mark.slow
 def test_edited_kernel_is_recompiled(tmp_path, empty_cache):
-    """New text, new folder, new numbers: machine code can not go stale."""
+    """New text, new folder, new numbers: machine code cannot go stale."""
     folders, values = [], []
     for factor in (2.0, 4.0):
         kernel = load_kernel(tmp_path / "kernel.py", factor)
@@ -741,7 +741,7 @@ def test_kept_machine_code_needs_no_numba(tmp_path):
 
 
 def test_entries_check_their_arrays(tmp_path, empty_cache):
-    """What machine code can not check is checked before: type, rank, order, fixed lengths."""
+    """What machine code cannot check is checked before: type, rank, order, fixed lengths."""
     module = program_text.specialise(recipe(load_kernel(tmp_path / "kernel.py")))
     scratch = np.empty((recipe(still).scratch_rows, sweep.PITCH))
     good = [np.zeros((3, 4)), np.array([0.5]), np.empty(4), np.empty(4), scratch]
@@ -755,7 +755,7 @@ def test_entries_check_their_arrays(tmp_path, empty_cache):
 
 @pytest.mark.slow
 def test_unwritable_cache_costs_time_only(empty_cache, monkeypatch):
-    """A cache folder that can not be made, here below a file: the numbers are the same."""
+    """A cache folder that cannot be made, here below a file: the numbers are the same."""
     blocked = empty_cache / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(blocked / "cache"))

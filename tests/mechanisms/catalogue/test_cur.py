@@ -489,7 +489,7 @@ def test_velocity_maps_equal_finite_differences(params, pose, mode):
     assume(away_from_flat(params, pose, solution))
     j_x, j_q = CUR.velocity_maps(params, pose, solution.joints)
     jacobian = np.linalg.solve(j_q, j_x)
-    assume(np.abs(jacobian).max() < 10)  # far from where x, y, alpha can not follow
+    assume(np.abs(jacobian).max() < 10)  # far from where x, y, alpha cannot follow
     expected = slopes(heights_of(params, mode), pose)
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 

@@ -209,7 +209,7 @@ def test_forward_then_inverse(params, theta1, theta2, slide):
         assert solution.residual < 1e-12
         assert naive.residual(params, solution.pose, joints) < 1e-12
         distance = clearance(params, solution.pose)
-        # Cranks can not leave the reachable set; near its surface branches run together.
+        # Cranks cannot leave the reachable set; near its surface branches run together.
         assert distance > -1e-12
         tolerance = 1e-12 / math.sqrt(max(distance, 1e-10))
         assert closest(PAUU.inverse(params, solution.pose), joints).max() < tolerance

@@ -433,7 +433,7 @@ def test_kite_and_twist_together_leave_home_and_assembly_regular():
 
 @given(designs, poses)
 def test_measure_is_the_determinant_of_the_velocity_map(params, pose):
-    """Up to |s_i| and the chart's own -cos(theta); one that can not vanish within the domain."""
+    """Up to |s_i| and the chart's own -cos(theta); one that cannot vanish within the domain."""
     det = np.linalg.det(SP.velocity_maps(params, pose, {})[0])
     base, _ = corners(params)
     reaches = [np.linalg.norm(end - base[3]) for end in ends_of(params, pose)[2][:3]]

@@ -579,14 +579,14 @@ def test_lock_is_no_way_out(write, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "batch.lock").symlink_to(precious)
     result = here("batch", write("a.toml"), "--out", "out", cwd=tmp_path)
-    assert "out: can not write: " in error_line(result, 1)
+    assert "out: cannot write: " in error_line(result, 1)
     assert precious.read_text() == "kept"
 
 
 def test_folder_that_can_not_be_written(write, tmp_path):
     (tmp_path / "file").write_text("")
     result = here("batch", write("a.toml"), "--out", "file/out", cwd=tmp_path)
-    assert error_line(result, 1) == "error: file/out: can not write: Not a directory"
+    assert error_line(result, 1) == "error: file/out: cannot write: Not a directory"
 
 
 @pytest.mark.slow

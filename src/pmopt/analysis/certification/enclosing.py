@@ -29,7 +29,7 @@ def enclose(
     Raises
     ------
     InputError
-        For a mechanism whose kernel can not be traced.
+        For a mechanism whose kernel cannot be traced.
     """
     if mechanism.implicit is not None:
         return Sheet(mechanism, design, notify)

@@ -112,7 +112,7 @@ class Enclosure:
         Returns
         -------
         tuple or None
-            None if it can not fall any more.
+            None if it cannot fall any more.
         """
         return None
 

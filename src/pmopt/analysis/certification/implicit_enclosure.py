@@ -79,7 +79,7 @@ class Sheet(Enclosure):
     Raises
     ------
     InputError
-        Where home can not be shown to lie on a sheet.
+        Where home cannot be shown to lie on a sheet.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class Sheet(Enclosure):
                 f"certify: {mechanism.name}: nothing can be proven of this design: its home pose "
                 "is not shown to be regular"
             )
-        # Beyond an unsettled cell that can not be split there may be anything.
+        # Beyond an unsettled cell that cannot be split there may be anything.
         self._flooded, self._open = flooded, ~flooded if touched.any() else touched
 
     def _take_cells(

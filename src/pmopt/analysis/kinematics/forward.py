@@ -68,7 +68,7 @@ def forward_kinematics(
     Raises
     ------
     UnreachableError
-        Where the mechanism can not be assembled with these joint positions.
+        Where the mechanism cannot be assembled with these joint positions.
     InputError
         For unknown names and values that are no finite numbers.
     """

@@ -246,12 +246,12 @@ def reached(mechanism: Mechanism, result: InverseResult, where: str) -> InverseR
 def _not_reached(
     mechanism: Mechanism, parameters: Parameters, pose: Mapping[str, float], where: str
 ) -> UnreachableError:
-    """Return the error that names each limb that can not reach the pose and by how much."""
+    """Return the error that names each limb that cannot reach the pose and by how much."""
     unit = unit_of("length", mechanism.length_unit)
     misses = [
         f"{r.limb} misses by {-r.distance:.6g} {unit} ({r.reason})"
         for r in mechanism.reach(parameters, pose)
         if r.distance < 0
     ]
-    told = "; ".join(misses) or "the limbs can not be assembled there"
+    told = "; ".join(misses) or "the limbs cannot be assembled there"
     return UnreachableError(f"{where}: {shown(pose)} is out of reach: {told}")

@@ -93,7 +93,7 @@ class Assembly:
     def walked(self, rng: np.random.Generator, steps: int, size: float) -> Assembly:
         """Return the assembly after a random walk in the null space of the closure.
 
-        Every step is projected back on closure; one that can not be is halved.
+        Every step is projected back on closure; one that cannot be is halved.
         """
         current = self
         heading = rng.normal(size=sum(self.counts))

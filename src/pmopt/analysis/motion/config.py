@@ -525,7 +525,7 @@ def load_motion(path: Path, sets: Sequence[str] = ()) -> MotionTask:
     Raises
     ------
     InputError
-        For a file that can not be read, is no TOML or does not validate.
+        For a file that cannot be read, is no TOML or does not validate.
     """
     data = overridden(read_config(path, "motion"), sets)
     return resolve_motion(data, str(path), path.parent)

@@ -147,7 +147,7 @@ class Mover:
     ) -> None:
         posture = mechanism.posture
         if posture is None:
-            raise InputError(f"{mechanism.name} declares no posture: it can not be moved")
+            raise InputError(f"{mechanism.name} declares no posture: it cannot be moved")
         self.mechanism, self.parameters = mechanism, parameters
         self.working_mode = working_mode
         self.threads = threads or default_threads()

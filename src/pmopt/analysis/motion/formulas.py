@@ -87,7 +87,7 @@ class Formula:
 
 
 def check_constants(given: Mapping[str, float], where: str) -> None:
-    """Refuse names of constants that a formula can not use.
+    """Refuse names of constants that a formula cannot use.
 
     Raises
     ------

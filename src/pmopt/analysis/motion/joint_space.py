@@ -36,7 +36,7 @@ def follow_joints(
     """Return poses, rates and accelerations of a motion that is given by its joints.
 
     From the assembly mode nearest to home that has the working mode, Newton's method follows the
-    joints from instant to instant; NaN from where it can not.
+    joints from instant to instant; NaN from where it cannot.
     """
     mechanism, parameters, mode = mover.mechanism, mover.parameters, mover.working_mode
     count, n = trajectory.values.shape
@@ -84,7 +84,7 @@ def follow_joints(
                 f"{c.name}={v:.6g}"
                 for c, v in zip(mechanism.joints, trajectory.values[k], strict=True)
             )
-            lost(k, f"the platform can not be followed on to {shown}: the joints can not be "
+            lost(k, f"the platform cannot be followed on to {shown}: the joints cannot be "
                  "assembled near there, or meet a forward singularity")  # fmt: skip
             break
         step = pose - before if k else step

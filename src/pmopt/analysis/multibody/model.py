@@ -40,7 +40,7 @@ HALF = 0.55
 
 #: Origin and rotation of a frame.
 Frame = tuple[Vector, Matrix]
-#: What it takes to close a limb at its last joint beside the point; those not named can not be.
+#: What it takes to close a limb at its last joint beside the point; those not named cannot be.
 _CLOSING = {"S": 0, "U": 1, "R": 2}
 
 
@@ -216,7 +216,7 @@ def build_tree(
         If there is no mass, or more than one limb ends in a joint that no loop can be closed at.
     """
     if not any(body.mass > 0 for body in bodies):
-        raise InputError(f"{mechanism.name} has no bodies with a mass: an engine can not move it")
+        raise InputError(f"{mechanism.name} has no bodies with a mass: an engine cannot move it")
     unit = METRES[mechanism.length_unit]
     chains = [_in_metres(c, unit) for c in mechanism.layout(parameters, pose, working_mode)]
     rotation, centre = mechanism.platform(parameters, pose, working_mode)
@@ -310,7 +310,7 @@ def _carrier(mechanism: Mechanism, chains: Sequence[Chain]) -> int:
     if costs.count(math.inf) > 1:
         raise InputError(
             f"{mechanism.name}: only one limb may end in an actuated joint or one other than "
-            f"{', '.join(_CLOSING)}: the loops can not be closed"
+            f"{', '.join(_CLOSING)}: the loops cannot be closed"
         )
     return costs.index(max(costs))
 

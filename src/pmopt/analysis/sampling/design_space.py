@@ -178,7 +178,7 @@ class DesignSpace:
         return self.mechanism.characteristic_length(parameters)
 
     def nothing(self, parameters: Parameters) -> Design:
-        """Return a design with an empty box, for one that can not be made ready."""
+        """Return a design with an empty box, for one that cannot be made ready."""
         axes = len(self.mechanism.pose)
         count = self.mechanism.constant_count
         count += size(Checks) if self.checks else 0

@@ -298,7 +298,7 @@ def cur_solve(beta, gamma, sizes):  # type: ignore[no-untyped-def]
     worst = cur_more(abs(k1.x), abs(k1.y))
     worst = cur_more(worst, cur_more(abs(k2.x), abs(k2.y)))
     worst = cur_more(worst, cur_more(abs(k3.x), abs(k3.y)))
-    # A platform that can not be level has no home to start from.
+    # A platform that cannot be level has no home to start from.
     worst = worst if square > 0.0 else cur_more(worst, 1.0)
     return Solved(state, worst)
 

@@ -385,7 +385,7 @@ class UuUpu(Mechanism):
         }
 
     def why_not(self, parameters: Parameters, joints: Mapping[str, float]) -> str:
-        """Say whether the links or the platform's turn can not be assembled."""
+        """Say whether the links or the platform's turn cannot be assembled."""
         _, c, length, _, _ = lengths_of(parameters)
         span = span_of(parameters, joints)
         if span > length + 2 * c or span < abs(length - 2 * c):
@@ -416,7 +416,7 @@ class UuUpu(Mechanism):
         found = root_of(parameters, pose, mode)
         if found is None:
             shown = ", ".join(f"{k}={v!r}" for k, v in pose.items())
-            raise UnreachableError(f"{self.name} can not reach {shown} in working mode {mode}")
+            raise UnreachableError(f"{self.name} cannot reach {shown} in working mode {mode}")
         return found
 
     def points_at(

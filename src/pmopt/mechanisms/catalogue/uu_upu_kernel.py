@@ -252,7 +252,7 @@ def uup_step(state, j, x, tilt, sizes, up, far):  # type: ignore[no-untyped-def]
     before = e1 < 0.0 and g1 > 0.0
     low = t1 if before else state.low
     high = state.high if before else t1
-    # An end that stays has its slope halved (Illinois): the secant can not get stuck.
+    # An end that stays has its slope halved (Illinois): the secant cannot get stuck.
     even = at.even * up
     g_low = even if before else (state.g_low if again else 0.5 * state.g_low)
     g_high = (0.5 * state.g_high if again else state.g_high) if before else even

@@ -211,7 +211,7 @@ class Batch:
         return self.place / RUNS / run.name
 
     def check(self, force: bool) -> None:
-        """Refuse what can not be run, before anything is.
+        """Refuse what cannot be run, before anything is.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class Batch:
         Raises
         ------
         PmoptError
-            When the folder can not be written or another process is writing it.
+            When the folder cannot be written or another process is writing it.
         """
         own = self.own
         with RunFolder(self.folder, force, resume=not force, mark=PLAN) as folder:

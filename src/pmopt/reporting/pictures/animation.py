@@ -28,7 +28,7 @@ KINDS = (".gif", ".mp4")
 
 
 def check_animation(path: Path, fps: float, force: bool) -> None:
-    """Refuse what can not be written, before anything is computed.
+    """Refuse what cannot be written, before anything is computed.
 
     Raises
     ------

@@ -154,7 +154,7 @@ def run_motion(
     Raises
     ------
     InputError
-        When the folder holds a run, or for a trajectory that can not be made.
+        When the folder holds a run, or for a trajectory that cannot be made.
     """
     with claimed(out, force) as folder:
         return _run(task, folder, threads, notify)

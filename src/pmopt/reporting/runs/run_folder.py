@@ -189,7 +189,7 @@ class RunFolder:
         try:
             self.open()
             if place.is_dir() and not place.is_symlink():
-                raise PmoptError(f"{place}: can not write: is a folder")
+                raise PmoptError(f"{place}: cannot write: is a folder")
             staged = self.path / NEXT / name
             staged.parent.mkdir(parents=True, exist_ok=True)
             digest = write_new(staged, data, mode_of(place))

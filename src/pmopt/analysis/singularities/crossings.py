@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -129,11 +129,14 @@ def follow_path(
         values.append(measures)
     crossings: list[Crossing] = []
     nearest = []
+    looks = _looks(mechanism, mode, parameters, poses, tuple(values[0]))
     for part in values[0]:
         series = [row[part] for row in values]
         row = min(range(len(series)), key=lambda i: abs(series[i]))
         nearest.append(Nearest(*part, row + 1, series[row]))
-        for first, last, changes, pose in _zeros(mechanism, mode, parameters, part, poses, series):
+        for first, last, changes, pose in _zeros(
+            mechanism, mode, parameters, part, poses, series, looks
+        ):
             time = None if times is None else _at(times, first)
             crossings.append(Crossing(*part, first + 1, last + 1, time, changes, pose))
     crossings.sort(key=lambda c: (c.row, c.kind, c.part))
@@ -149,6 +152,39 @@ def follow_path(
     )  # fmt: skip
 
 
+class _Looks(NamedTuple):
+    """Places along a path, in rows from 0, and the sizes of determinants at those between rows.
+
+    They are infinite out of reach, and where a row is.
+    """
+
+    places: Values
+    sizes: dict[Part, Values]
+
+
+def _looks(
+    mechanism: Mechanism,
+    mode: str,
+    parameters: Parameters,
+    poses: Sequence[Mapping[str, float]],
+    parts: Sequence[Part],
+) -> _Looks:
+    """Return the sizes of all determinants at some places between the rows."""
+    count = len(poses)
+    inner = int(np.clip(_LOOKS // (count - 1), 1, _MOST_INNER))
+    places = np.arange((count - 1) * (inner + 1) + 1) / (inner + 1)
+    sizes = {part: np.full(len(places), math.inf) for part in parts}
+    for i in np.flatnonzero(places % 1 > 0).tolist():
+        place = float(places[i])
+        k = min(int(place), count - 2)
+        pose = _between(poses[k], poses[k + 1], place - k)
+        measures = measures_at(mechanism, mode, parameters, pose)
+        if measures is not None:
+            for part in parts:
+                sizes[part][i] = abs(measures[part])
+    return _Looks(places, sizes)
+
+
 def _touches(
     mechanism: Mechanism,
     mode: str,
@@ -156,6 +192,7 @@ def _touches(
     part: Part,
     poses: Sequence[Mapping[str, float]],
     series: Sequence[float],
+    looks: _Looks,
 ) -> list[tuple[float, float, bool, dict[str, float]]]:
     """Return where a determinant touches 0 between rows, without a change of sign."""
     count = len(poses)
@@ -170,11 +207,10 @@ def _touches(
     def size(places: Values) -> Values:
         return np.array(list(map(size_at, places.ravel().tolist()))).reshape(places.shape)
 
-    inner = int(np.clip(_LOOKS // (count - 1), 1, _MOST_INNER))
-    places = np.arange((count - 1) * (inner + 1) + 1) / (inner + 1)
-    sizes = np.abs(np.interp(places, np.arange(count), series))
-    between = places % 1 > 0
-    sizes[between] = size(places[between])
+    places = looks.places
+    sizes = np.where(
+        places % 1 > 0, looks.sizes[part], np.abs(np.interp(places, np.arange(count), series))
+    )
     k = np.arange(1, len(places) - 1)
     before, here, after = sizes[k - 1], sizes[k], sizes[k + 1]
     # Where all are alike, as along a rest, there is nothing to look for.
@@ -234,9 +270,10 @@ def _zeros(
     part: Part,
     poses: Sequence[Mapping[str, float]],
     series: Sequence[float],
+    looks: _Looks,
 ) -> list[tuple[float, float, bool, dict[str, float]]]:
     """Return the zeros of a determinant: first and last row (from 0), change of sign, pose."""
-    zeros = _touches(mechanism, mode, parameters, part, poses, series)
+    zeros = _touches(mechanism, mode, parameters, part, poses, series, looks)
     signs = [0 if abs(v) <= _ZERO else (1 if v > 0 else -1) for v in series]
     i = 0
     while i < len(signs):

@@ -85,15 +85,15 @@ def assembly_heading(adj):  # type: ignore[no-untyped-def]
     return Heading(best > TINY, way, weights, way[row] * adj.det)
 
 
-def assembly_apart(heading, bend):  # type: ignore[no-untyped-def]
+def assembly_apart(along, bend):  # type: ignore[no-untyped-def]
     """Return how far along its heading a mode may have a twin, and whether that is near.
 
     Two modes that meet at a singularity are the zeros of a parabola there. ``bend`` is the sum of
     its heights at ASSEMBLY_STEP on both sides of the mode.
     """
     bend = bend / (ASSEMBLY_STEP * ASSEMBLY_STEP)
-    near = heading.there and abs(heading.along) < ASSEMBLY_NEAR * abs(bend)
-    return -2.0 * heading.along / (bend if near else 1.0), near
+    near = abs(along) < ASSEMBLY_NEAR * abs(bend)
+    return -2.0 * along / (bend if near else 1.0), near
 
 
 def assembly_angles(r):  # type: ignore[no-untyped-def]

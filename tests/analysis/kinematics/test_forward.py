@@ -290,31 +290,28 @@ def test_roots_of_degree_8(roots, seed):
 
 def test_start_solutions_of_4_ups_rps():
     """All 18 solve the equations at the general dimensions; Newton's method finds no other."""
-    w = np.zeros(ups_rps_forward.rps_WORK)
-    w[ups_rps_forward.rps_NOW : ups_rps_forward.rps_NOW + 14] = ups_rps_forward.DIMENSIONS
-    ups_rps_forward.rps_coefficients(w, ups_rps_forward.rps_COEFFICIENTS)
-    at = ups_rps_forward.rps_HERE
-    starts = np.reshape(ups_rps_forward.STARTS, (ups_rps_forward.rps_PATHS, 12))
+    rps = ups_rps_forward
+    whole = np.array(rps.DIMENSIONS)
+    k = rps.rps_coefficients(rps.Dimensions(*(whole[::2] + 1j * whole[1::2]).tolist()))
     known = []
-    for start in starts:
-        w[at : at + 12] = start
-        first, last = ups_rps_forward.rps_corrected(w, at, 6, 1e-14)
-        assert first < 1e-5
-        assert last < 1e-13
-        known.append(w[at : at + 12].copy())
-    mirror = np.repeat([1.0, -1.0], 6)
+    for start in np.reshape(rps.STARTS, (rps.rps_PATHS, 12)):
+        found = rps.rps_corrected(rps.rps_load(start, 0), k, 6, 1e-14)
+        assert found.first < 1e-5
+        assert found.last < 1e-13
+        known.append(np.array(found.state))
+    mirror = np.repeat([1.0, -1.0], 3)
     rng = np.random.default_rng(1)
     hits = set()
     for _ in range(400):
-        w[at : at + 12] = rng.normal(size=12) * np.repeat([1.0, 1.0, 1.0, 1.0, 1.0, 4.0], 2)
+        state = rps.rps_load(rng.normal(size=12) * np.repeat([1.0, 1.0, 1.0, 1.0, 1.0, 4.0], 2), 0)
         for _ in range(40):
-            moved, size = ups_rps_forward.rps_solve(w, at, False, at + 60)
-            share = min(1.0, 0.5 / math.sqrt(moved / size))
-            w[at : at + 12] += share * w[at + 60 : at + 72]
-        if not moved < 1e-24 * size:
+            step = rps.rps_solve(state, k, k, False)
+            share = min(1.0, 0.5 / math.sqrt(step.moved / step.size))
+            state = rps.State(*(np.array(state) + share * np.array(step.change)).tolist())
+        if not step.moved < 1e-24 * step.size:
             continue
-        end = w[at : at + 12]
-        gaps = [min(np.abs(end - k).max(), np.abs(end * mirror - k).max()) for k in known]
+        end = np.array(state)
+        gaps = [min(np.abs(end - x).max(), np.abs(end * mirror - x).max()) for x in known]
         assert min(gaps) < 1e-8
         hits.add(int(np.argmin(gaps)))
     assert len(hits) > 12

@@ -21,8 +21,16 @@ and the conjugate of each is one. Otherwise all are followed again in smaller st
 """
 
 import math
+from typing import NamedTuple
 
-from pmopt.kernels.assembly import assembly_angles, assembly_sort
+from pmopt.kernels.assembly import (
+    ASSEMBLY_STEP,
+    assembly_angles,
+    assembly_apart,
+    assembly_principal,
+    assembly_sort,
+)
+from pmopt.kernels.vectors import Rotation, Vec3
 
 EPS = 2.220446049250313e-16
 TINY = 1e-300
@@ -83,30 +91,142 @@ STARTS = (
     7.117550, 3.577683, -1.477330, -5.214710, -6.080550, -4.669527,
 )  # fmt: skip
 
-# Places in the scratch space.
-rps_NOW = 1  # R1, R / sqrt 2, l_k^2 at a path's place, complex; 0 says whether starts are there
-rps_FROM = 15
-rps_TO = 29
-rps_COEFFICIENTS = 43  # A0, A1, B0, B1, V0 .. V2, Y0 .. Y2, W0 .. W2 at a place of the path
-rps_RATES = 69
-rps_HEAD = 95  # the same at the start, then at the end
-rps_HERE = 147  # state, its rate, those of the last place, next state, step: 12 each
-rps_BEGIN = 219  # where paths begin
+# Places in the scratch space; its first number says whether starts are there.
+rps_BEGIN = 1  # states that paths begin with, and that they end in
 rps_END = rps_BEGIN + 12 * rps_PATHS
-rps_STATE = rps_END + 12 * rps_PATHS  # P_x, P_y, p, q (8); equations (5); slope (25), inverse (25)
-rps_FOUND = rps_STATE + 63
+rps_MISSES = rps_END + 12 * rps_PATHS  # of the five lengths
+rps_SLOPE = rps_MISSES + 5  # of them by P_x, P_y and turns, and its inverse
+rps_INVERSE = rps_SLOPE + 25
+rps_WAY = rps_INVERSE + 25  # what is hardly moved and hardly reached near a singularity
+rps_WEIGHTS = rps_WAY + 5
+rps_FOUND = rps_WEIGHTS + 5
 rps_WORK = rps_FOUND + rps_PATHS * rps_KEPT
 
 
-def rps_at(w, k):  # type: ignore[no-untyped-def]
-    """Return a complex number of the scratch space."""
-    return complex(w[k], w[k + 1])
+class Dimensions(NamedTuple):
+    """Complex dimensions and lengths, over r."""
+
+    big: complex  # R1
+    h: complex  # R / sqrt 2
+    l1: complex  # squares of the lengths
+    l2: complex
+    l3: complex
+    l4: complex
+    l5: complex
 
 
-def rps_put(w, k, value):  # type: ignore[no-untyped-def]
-    """Put a complex number in place."""
-    w[k] = value.real
-    w[k + 1] = value.imag
+class Coefficients(NamedTuple):
+    """What the dimensions and lengths give; complex. See above."""
+
+    a0: complex
+    a1: complex
+    b0: complex
+    b1: complex
+    v0: complex
+    v1: complex
+    v2: complex
+    q0: complex
+    q1: complex
+    q2: complex
+    w0: complex
+    w1: complex
+    w2: complex
+
+
+class State(NamedTuple):
+    """The complex unknowns: a = q_z, y = P_y, c = p_z, then p_x, q_x and P_x."""
+
+    a: complex
+    y: complex
+    c: complex
+    p: complex
+    q: complex
+    x: complex
+
+
+class Symmetric(NamedTuple):
+    """A symmetric matrix, rows j, k, l."""
+
+    jj: complex
+    jk: complex
+    jl: complex
+    kk: complex
+    kl: complex
+    ll: complex
+
+
+class Step(NamedTuple):
+    """A change of a state, and the squares of its size and of the state's."""
+
+    change: State
+    moved: float
+    size: float
+
+
+class Corrected(NamedTuple):
+    """A state after Newton's method, and the relative sizes of its first and last step."""
+
+    state: State
+    first: float
+    last: float
+
+
+class Ended(NamedTuple):
+    """How far a path was followed, and whether to its end."""
+
+    state: State
+    there: bool
+
+
+class Path(NamedTuple):
+    """A way from one set of dimensions and lengths to another.
+
+    Where only lengths change the coefficients change evenly: ``straight``.
+    """
+
+    low: Dimensions
+    high: Dimensions
+    start: Coefficients
+    end: Coefficients
+    straight: bool
+
+
+class Place(NamedTuple):
+    """A platform over the size: P_x, P_y, and the directions p and q."""
+
+    x: float
+    y: float
+    p: Vec3
+    q: Vec3
+
+
+class Scale(NamedTuple):
+    """The longest of the lengths and r, and the dimensions over it."""
+
+    size: float
+    r: float
+    big: float
+    h: float
+
+
+def rps_load(w, k):  # type: ignore[no-untyped-def]
+    """Return a state of the scratch space."""
+    return State(
+        complex(w[k], w[k + 1]), complex(w[k + 2], w[k + 3]), complex(w[k + 4], w[k + 5]),
+        complex(w[k + 6], w[k + 7]), complex(w[k + 8], w[k + 9]), complex(w[k + 10], w[k + 11]),
+    )  # fmt: skip
+
+
+def rps_store(w, k, state):  # type: ignore[no-untyped-def]
+    """Put a state into the scratch space."""
+    for i in range(6):
+        w[k + 2 * i] = state[i].real
+        w[k + 2 * i + 1] = state[i].imag
+
+
+def rps_times(t, value):  # type: ignore[no-untyped-def]
+    """Return a complex number times a real one."""
+    return complex(t * value.real, t * value.imag)
 
 
 def rps_square(value):  # type: ignore[no-untyped-def]
@@ -120,11 +240,9 @@ def rps_reciprocal(value):  # type: ignore[no-untyped-def]
     return complex(unit * value.real, -unit * value.imag)
 
 
-def rps_coefficients(w, k):  # type: ignore[no-untyped-def]
-    """Put the 13 coefficients for the dimensions and lengths in NOW in place at k."""
-    big, h = rps_at(w, rps_NOW), rps_at(w, rps_NOW + 2)
-    l1, l2, l3 = rps_at(w, rps_NOW + 4), rps_at(w, rps_NOW + 6), rps_at(w, rps_NOW + 8)
-    l4, l5 = rps_at(w, rps_NOW + 10), rps_at(w, rps_NOW + 12)
+def rps_coefficients(at):  # type: ignore[no-untyped-def]
+    """Return the coefficients for dimensions and lengths."""
+    big, h, l1, l2, l3, l4, l5 = at
     r2 = 2.0 * h * h + 1.0
     m1 = l1 - 1.0 - big * big
     m25 = 0.5 * (l2 + l5) - r2
@@ -146,83 +264,116 @@ def rps_coefficients(w, k):  # type: ignore[no-untyped-def]
     v0 = (m25 - m34 + f1 * q0) / e11
     v1 = (f1 * q1 + 4.0 * h) / e11
     v2 = (f1 * q2 + f2) / e11
-    rps_put(w, k, a0)
-    rps_put(w, k + 2, a1 + 0.0j)
-    rps_put(w, k + 4, h * a0 + 0.25 * d25)
-    rps_put(w, k + 6, h * (a1 + t1))
-    rps_put(w, k + 8, v0)
-    rps_put(w, k + 10, v1)
-    rps_put(w, k + 12, v2)
-    rps_put(w, k + 14, q0)
-    rps_put(w, k + 16, q1)
-    rps_put(w, k + 18, q2)
-    rps_put(w, k + 20, m1 + 2.0 * v0 - 2.0 * big * q0)
-    rps_put(w, k + 22, 2.0 * v1 + 2.0 * big - 2.0 * big * q1)
-    rps_put(w, k + 24, 2.0 * v2 - 2.0 * big * q2)
-
-
-def rps_mix(w, t):  # type: ignore[no-untyped-def]
-    """Put the dimensions and lengths at a place of a path into NOW."""
-    for i in range(14):
-        w[rps_NOW + i] = w[rps_FROM + i] + t * (w[rps_TO + i] - w[rps_FROM + i])
-
-
-def rps_along(w, t, straight):  # type: ignore[no-untyped-def]
-    """Put the coefficients at a place of a path and their rates in place.
-
-    Where only lengths change they change with t: ``straight``.
-    """
-    if straight:
-        for i in range(26):
-            rate = w[rps_HEAD + 26 + i] - w[rps_HEAD + i]
-            w[rps_RATES + i] = rate
-            w[rps_COEFFICIENTS + i] = w[rps_HEAD + i] + t * rate
-        if t == 1.0:
-            for i in range(26):
-                w[rps_COEFFICIENTS + i] = w[rps_HEAD + 26 + i]
-        return
-    step = 1e-4
-    rps_mix(w, t + step)
-    rps_coefficients(w, rps_RATES)
-    rps_mix(w, t - step)
-    rps_coefficients(w, rps_COEFFICIENTS)
-    for i in range(26):
-        w[rps_RATES + i] = (w[rps_RATES + i] - w[rps_COEFFICIENTS + i]) / (2.0 * step)
-    rps_mix(w, t)
-    rps_coefficients(w, rps_COEFFICIENTS)
-
-
-def rps_across(jj, jk, jl, kk, kl, ll, rk, rl):  # type: ignore[no-untyped-def]
-    """Return a symmetric matrix between the two directions across x; rk, rl are x_k, x_l by x_j."""
-    return (
-        kk - 2.0 * rk * jk + rk * rk * jj,
-        kl - rl * jk - rk * jl + rk * rl * jj,
-        ll - 2.0 * rl * jl + rl * rl * jj,
+    return Coefficients(
+        a0=a0,
+        a1=a1 + 0.0j,
+        b0=h * a0 + 0.25 * d25,
+        b1=h * (a1 + t1),
+        v0=v0,
+        v1=v1,
+        v2=v2,
+        q0=q0,
+        q1=q1,
+        q2=q2,
+        w0=m1 + 2.0 * v0 - 2.0 * big * q0,
+        w1=2.0 * v1 + 2.0 * big - 2.0 * big * q1,
+        w2=2.0 * v2 - 2.0 * big * q2,
     )
 
 
-def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
-    """Solve for a correction of the state at ``at``, or if ``moving`` for its rate along the path.
+def rps_between(t, low, high):  # type: ignore[no-untyped-def]
+    """Return the complex number at a share of the way from one to another."""
+    return low + rps_times(t, high - low)
 
-    Put it into ``out``; return the squares of its size and of the state's.
-    """
-    a, y, c = rps_at(w, at), rps_at(w, at + 2), rps_at(w, at + 4)
-    px, qx, x = rps_at(w, at + 6), rps_at(w, at + 8), rps_at(w, at + 10)
-    k = rps_COEFFICIENTS
-    a1, b1 = rps_at(w, k + 2), rps_at(w, k + 6)
-    v1, v2 = rps_at(w, k + 10), rps_at(w, k + 12)
-    q1, q2 = rps_at(w, k + 16), rps_at(w, k + 18)
-    w1, w2 = rps_at(w, k + 22), rps_at(w, k + 24)
-    py = rps_at(w, k) + a1 * a
-    qy = rps_at(w, k + 14) + q1 * y + q2 * c
+
+def rps_mix(path, t):  # type: ignore[no-untyped-def]
+    """Return the dimensions and lengths at a place of a path."""
+    low, high = path.low, path.high
+    return Dimensions(
+        rps_between(t, low.big, high.big),
+        rps_between(t, low.h, high.h),
+        rps_between(t, low.l1, high.l1),
+        rps_between(t, low.l2, high.l2),
+        rps_between(t, low.l3, high.l3),
+        rps_between(t, low.l4, high.l4),
+        rps_between(t, low.l5, high.l5),
+    )
+
+
+def rps_changed(at, other):  # type: ignore[no-untyped-def]
+    """Return the difference of two sets of coefficients."""
+    return Coefficients(
+        at.a0 - other.a0, at.a1 - other.a1, at.b0 - other.b0, at.b1 - other.b1,
+        at.v0 - other.v0, at.v1 - other.v1, at.v2 - other.v2,
+        at.q0 - other.q0, at.q1 - other.q1, at.q2 - other.q2,
+        at.w0 - other.w0, at.w1 - other.w1, at.w2 - other.w2,
+    )  # fmt: skip
+
+
+def rps_by(at, divisor):  # type: ignore[no-untyped-def]
+    """Return coefficients over a real number."""
+    return Coefficients(
+        rps_over(at.a0, divisor), rps_over(at.a1, divisor),
+        rps_over(at.b0, divisor), rps_over(at.b1, divisor),
+        rps_over(at.v0, divisor), rps_over(at.v1, divisor), rps_over(at.v2, divisor),
+        rps_over(at.q0, divisor), rps_over(at.q1, divisor), rps_over(at.q2, divisor),
+        rps_over(at.w0, divisor), rps_over(at.w1, divisor), rps_over(at.w2, divisor),
+    )  # fmt: skip
+
+
+def rps_over(value, divisor):  # type: ignore[no-untyped-def]
+    """Return a complex number over a real one."""
+    return complex(value.real / divisor, value.imag / divisor)
+
+
+def rps_straight(path, t, rates):  # type: ignore[no-untyped-def]
+    """Return the coefficients at a place of a straight path."""
+    at = path.start
+    return Coefficients(
+        at.a0 + rps_times(t, rates.a0), at.a1 + rps_times(t, rates.a1),
+        at.b0 + rps_times(t, rates.b0), at.b1 + rps_times(t, rates.b1),
+        at.v0 + rps_times(t, rates.v0), at.v1 + rps_times(t, rates.v1),
+        at.v2 + rps_times(t, rates.v2),
+        at.q0 + rps_times(t, rates.q0), at.q1 + rps_times(t, rates.q1),
+        at.q2 + rps_times(t, rates.q2),
+        at.w0 + rps_times(t, rates.w0), at.w1 + rps_times(t, rates.w1),
+        at.w2 + rps_times(t, rates.w2),
+    )  # fmt: skip
+
+
+def rps_along(path, t):  # type: ignore[no-untyped-def]
+    """Return the coefficients at a place of a path and their rates."""
+    if path.straight:
+        rates = rps_changed(path.end, path.start)
+        return (path.end if t == 1.0 else rps_straight(path, t, rates)), rates
+    step = 1e-4
+    ahead = rps_coefficients(rps_mix(path, t + step))
+    behind = rps_coefficients(rps_mix(path, t - step))
+    return rps_coefficients(rps_mix(path, t)), rps_by(rps_changed(ahead, behind), 2.0 * step)
+
+
+def rps_across(m, rk, rl):  # type: ignore[no-untyped-def]
+    """Return a symmetric matrix between the two directions across x; rk, rl are x_k, x_l by x_j."""
+    return (
+        m.kk - 2.0 * rk * m.jk + rk * rk * m.jj,
+        m.kl - rl * m.jk - rk * m.jl + rk * rl * m.jj,
+        m.ll - 2.0 * rl * m.jl + rl * rl * m.jj,
+    )
+
+
+def rps_solve(at, k, rates, moving):  # type: ignore[no-untyped-def]
+    """Return a correction of a state, or if ``moving`` its rate along the path."""
+    a, y, c, px, qx, x = at
+    a1, b1, v1, v2, q1, q2, w1, w2 = k.a1, k.b1, k.v1, k.v2, k.q1, k.q2, k.w1, k.w2
+    py = k.a0 + a1 * a
+    qy = k.q0 + q1 * y + q2 * c
     # Miss of x x^T = N, or minus N's rate with the coefficients; rows P, p, q.
     if moving:
-        k = rps_RATES
-        py_t = rps_at(w, k) + rps_at(w, k + 2) * a
-        qy_t = rps_at(w, k + 14) + rps_at(w, k + 16) * y + rps_at(w, k + 18) * c
-        w_t = rps_at(w, k + 20) + rps_at(w, k + 22) * y + rps_at(w, k + 24) * c
-        v_t = rps_at(w, k + 8) + rps_at(w, k + 10) * y + rps_at(w, k + 12) * c
-        u_t = rps_at(w, k + 4) + rps_at(w, k + 6) * a
+        py_t = rates.a0 + rates.a1 * a
+        qy_t = rates.q0 + rates.q1 * y + rates.q2 * c
+        w_t = rates.w0 + rates.w1 * y + rates.w2 * c
+        v_t = rates.v0 + rates.v1 * y + rates.v2 * c
+        u_t = rates.b0 + rates.b1 * a
         e11 = -w_t
         e12 = y * py_t - u_t
         e13 = y * qy_t - v_t
@@ -230,9 +381,9 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
         e23 = py_t * qy + py * qy_t
         e33 = 2.0 * qy * qy_t
     else:
-        big_u = rps_at(w, k + 4) + b1 * a
-        big_v = rps_at(w, k + 8) + v1 * y + v2 * c
-        big_w = rps_at(w, k + 20) + w1 * y + w2 * c
+        big_u = k.b0 + b1 * a
+        big_v = k.v0 + v1 * y + v2 * c
+        big_w = k.w0 + w1 * y + w2 * c
         e11 = x * x + y * y + a * a - big_w
         e12 = x * px + y * py + a * c - big_u
         e13 = x * qx + y * qy + a * a - big_v
@@ -253,29 +404,29 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
     third = rps_square(qx)
     if first >= second and first >= third:
         xj, xk, xl = x, px, qx
-        fjj, fjk, fjl, fkk, fkl, fll = e11, e12, e13, e22, e23, e33
-        ajj, ajk, ajl, akk, akl, al = n11a, n12a, n13a, n22a, n23a, n33a
-        bjj, bjk, bjl, bkk, bkl, bl = n11b, n12b, n13b, zero, n23b, n33b
-        cjj, cjk, cjl, ckk, ckl, cl = n11c, n12c, n13c, n22c, n23c, n33c
+        f = Symmetric(e11, e12, e13, e22, e23, e33)
+        n_a = Symmetric(n11a, n12a, n13a, n22a, n23a, n33a)
+        n_b = Symmetric(n11b, n12b, n13b, zero, n23b, n33b)
+        n_c = Symmetric(n11c, n12c, n13c, n22c, n23c, n33c)
     elif second >= third:
         xj, xk, xl = px, x, qx
-        fjj, fjk, fjl, fkk, fkl, fll = e22, e12, e23, e11, e13, e33
-        ajj, ajk, ajl, akk, akl, al = n22a, n12a, n23a, n11a, n13a, n33a
-        bjj, bjk, bjl, bkk, bkl, bl = zero, n12b, n23b, n11b, n13b, n33b
-        cjj, cjk, cjl, ckk, ckl, cl = n22c, n12c, n23c, n11c, n13c, n33c
+        f = Symmetric(e22, e12, e23, e11, e13, e33)
+        n_a = Symmetric(n22a, n12a, n23a, n11a, n13a, n33a)
+        n_b = Symmetric(zero, n12b, n23b, n11b, n13b, n33b)
+        n_c = Symmetric(n22c, n12c, n23c, n11c, n13c, n33c)
     else:
         xj, xk, xl = qx, x, px
-        fjj, fjk, fjl, fkk, fkl, fll = e33, e13, e23, e11, e12, e22
-        ajj, ajk, ajl, akk, akl, al = n33a, n13a, n23a, n11a, n12a, n22a
-        bjj, bjk, bjl, bkk, bkl, bl = n33b, n13b, n23b, n11b, n12b, zero
-        cjj, cjk, cjl, ckk, ckl, cl = n33c, n13c, n23c, n11c, n12c, n22c
+        f = Symmetric(e33, e13, e23, e11, e12, e22)
+        n_a = Symmetric(n33a, n13a, n23a, n11a, n12a, n22a)
+        n_b = Symmetric(n33b, n13b, n23b, n11b, n12b, zero)
+        n_c = Symmetric(n33c, n13c, n23c, n11c, n12c, n22c)
     unit = rps_reciprocal(xj)
     rk = xk * unit
     rl = xl * unit
-    f1, f2, f3 = rps_across(fjj, fjk, fjl, fkk, fkl, fll, rk, rl)
-    p1, p2, p3 = rps_across(ajj, ajk, ajl, akk, akl, al, rk, rl)
-    o1, o2, o3 = rps_across(bjj, bjk, bjl, bkk, bkl, bl, rk, rl)
-    s1, s2, s3 = rps_across(cjj, cjk, cjl, ckk, ckl, cl, rk, rl)
+    f1, f2, f3 = rps_across(f, rk, rl)
+    p1, p2, p3 = rps_across(n_a, rk, rl)
+    o1, o2, o3 = rps_across(n_b, rk, rl)
+    s1, s2, s3 = rps_across(n_c, rk, rl)
     # [p o s] (da, dy, dc) = f by Cramer's rule.
     m1 = o2 * s3 - o3 * s2
     m2 = o3 * s1 - o1 * s3
@@ -290,98 +441,118 @@ def rps_solve(w, at, moving, out):  # type: ignore[no-untyped-def]
     m2 = o3 * f1 - o1 * f3
     m3 = o1 * f2 - o2 * f1
     dc = (p1 * m1 + p2 * m2 + p3 * m3) * scale
-    dj = 0.5 * (ajj * da + bjj * dy + cjj * dc - fjj) * unit
-    dk = (ajk * da + bjk * dy + cjk * dc - fjk - xk * dj) * unit
-    dl = (ajl * da + bjl * dy + cjl * dc - fjl - xl * dj) * unit
-    rps_put(w, out, da)
-    rps_put(w, out + 2, dy)
-    rps_put(w, out + 4, dc)
+    dj = 0.5 * (n_a.jj * da + n_b.jj * dy + n_c.jj * dc - f.jj) * unit
+    dk = (n_a.jk * da + n_b.jk * dy + n_c.jk * dc - f.jk - xk * dj) * unit
+    dl = (n_a.jl * da + n_b.jl * dy + n_c.jl * dc - f.jl - xl * dj) * unit
     if first >= second and first >= third:
         dx, dp, dq = dj, dk, dl
     elif second >= third:
         dx, dp, dq = dk, dj, dl
     else:
         dx, dp, dq = dk, dl, dj
-    rps_put(w, out + 6, dp)
-    rps_put(w, out + 8, dq)
-    rps_put(w, out + 10, dx)
     moved = rps_square(da) + rps_square(dy) + rps_square(dc)
     moved += rps_square(dp) + rps_square(dq) + rps_square(dx)
     size = rps_square(a) + rps_square(y) + rps_square(c) + first + second + third
-    return moved, size
+    return Step(State(da, dy, dc, dp, dq, dx), moved, size)
 
 
-def rps_corrected(w, at, steps, close):  # type: ignore[no-untyped-def]
-    """Correct the state at ``at``; return the relative sizes of the first and the last step."""
+def rps_stepped(at, change):  # type: ignore[no-untyped-def]
+    """Return a state and a change more."""
+    return State(
+        at.a + change.a, at.y + change.y, at.c + change.c,
+        at.p + change.p, at.q + change.q, at.x + change.x,
+    )  # fmt: skip
+
+
+def rps_corrected(state, k, steps, close):  # type: ignore[no-untyped-def]
+    """Return a state after at most so many steps of Newton's method."""
     first = 0.0
     last = 0.0
     for n in range(steps):
-        moved, size = rps_solve(w, at, False, rps_HERE + 60)
-        for i in range(12):
-            w[at + i] += w[rps_HERE + 60 + i]
+        step = rps_solve(state, k, k, False)
+        state = rps_stepped(state, step.change)
         before = last
-        last = math.sqrt(moved / (size + TINY))
+        last = math.sqrt(step.moved / (step.size + TINY))
         if n == 0:
             first = last
         elif not last < 0.3 * before:
             break
         if not last > close or not first < 1.0:
             break
-    return first, last
+    return Corrected(state, first, last)
 
 
-def rps_follow(w, begin, end, straight, finer):  # type: ignore[no-untyped-def]
-    """Follow the solution at ``begin`` along the path to ``end``; return whether it ends there."""
-    here = rps_HERE
-    rate = here + 12
-    old = here + 24
-    old_rate = here + 36
-    ahead = here + 48
-    for i in range(12):
-        w[here + i] = w[begin + i]
+class Track(NamedTuple):
+    """A state on a path with its rate, those of the last place, and how far back that is."""
+
+    here: State
+    rate: State
+    old: State
+    old_rate: State
+    width: float
+
+
+def rps_cubic(here, rate, old, old_rate, h, width):  # type: ignore[no-untyped-def]
+    """Return a number h ahead, by a cubic through the last two with their rates."""
+    value = here + h * rate
+    if width > 0.0:
+        share = h / width
+        a = old - here + width * rate
+        b = width * (old_rate - rate)
+        value += share * share * (3.0 * a + b + share * (2.0 * a + b))
+    return value
+
+
+def rps_next(here, rate, old, old_rate, h, width):  # type: ignore[no-untyped-def]
+    """Return an unknown h ahead; at first along the rate."""
+    return complex(
+        rps_cubic(here.real, rate.real, old.real, old_rate.real, h, width),
+        rps_cubic(here.imag, rate.imag, old.imag, old_rate.imag, h, width),
+    )
+
+
+def rps_ahead(track, h):  # type: ignore[no-untyped-def]
+    """Return the state h ahead."""
+    here, rate, old, old_rate, width = track
+    return State(
+        rps_next(here.a, rate.a, old.a, old_rate.a, h, width),
+        rps_next(here.y, rate.y, old.y, old_rate.y, h, width),
+        rps_next(here.c, rate.c, old.c, old_rate.c, h, width),
+        rps_next(here.p, rate.p, old.p, old_rate.p, h, width),
+        rps_next(here.q, rate.q, old.q, old_rate.q, h, width),
+        rps_next(here.x, rate.x, old.x, old_rate.x, h, width),
+    )
+
+
+def rps_follow(begin, path, finer):  # type: ignore[no-untyped-def]
+    """Follow a solution along a path; return where it ends."""
     t = 0.0
     h = 0.02
-    width = 0.0
-    rps_along(w, 0.0, straight)
-    rps_corrected(w, here, 6, 1e-12)
-    rps_solve(w, here, True, rate)
+    k, rates = rps_along(path, 0.0)
+    here = rps_corrected(begin, k, 6, 1e-12).state
+    rate = rps_solve(here, k, rates, True).change
+    track = Track(here, rate, here, rate, 0.0)
     for _ in range(rps_STEPS):
         h = h if h < 1.0 - t else 1.0 - t
         at = t + h if h < 1.0 - t else 1.0
-        # Cubic through the last two states with their rates; at first along the rate.
-        for i in range(12):
-            value = w[here + i] + h * w[rate + i]
-            if width > 0.0:
-                share = h / width
-                a = w[old + i] - w[here + i] + width * w[rate + i]
-                b = width * (w[old_rate + i] - w[rate + i])
-                value += share * share * (3.0 * a + b + share * (2.0 * a + b))
-            w[ahead + i] = value
-        rps_along(w, at, straight)
-        first, last = rps_corrected(w, ahead, 4, 1e-7)
-        if not (first <= rps_FAR * finer and last <= 1e-6):
+        k, rates = rps_along(path, at)
+        there = rps_corrected(rps_ahead(track, h), k, 4, 1e-7)
+        if not (there.first <= rps_FAR * finer and there.last <= 1e-6):
             h *= 0.4
             if h < 1e-13:
-                return False
+                return Ended(track.here, False)
             continue
-        for i in range(12):
-            w[old + i] = w[here + i]
-            w[old_rate + i] = w[rate + i]
-            w[here + i] = w[ahead + i]
-        width = h
         t = at
+        rate = rps_solve(there.state, k, rates, True).change if t < 1.0 else track.rate
+        track = Track(there.state, rate, track.here, track.rate, h)
         if t >= 1.0:
             break
-        rps_solve(w, here, True, rate)
-        growth = 0.8 * math.sqrt(math.sqrt(rps_AIM * finer / (first + 1e-12)))
+        growth = 0.8 * math.sqrt(math.sqrt(rps_AIM * finer / (there.first + 1e-12)))
         growth = growth if growth < 3.0 else 3.0
         h *= growth if growth > 0.5 else 0.5
     if t < 1.0:
-        return False
-    rps_corrected(w, here, 12, 4.0 * EPS)
-    for i in range(12):
-        w[end + i] = w[here + i]
-    return True
+        return Ended(track.here, False)
+    return Ended(rps_corrected(track.here, k, 12, 4.0 * EPS).state, True)
 
 
 def rps_apart(w, i, j, conjugate):  # type: ignore[no-untyped-def]
@@ -419,43 +590,38 @@ def rps_sound(w):  # type: ignore[no-untyped-def]
     return True
 
 
-def rps_equations(w, constants, lengths):  # type: ignore[no-untyped-def]
+def rps_equations(w, at, scale, lengths):  # type: ignore[no-untyped-def]
     """Put the misses of the squares of the lengths and their slopes in place; return the largest.
 
     By P_x, P_y and turns about x, y, z; lengths are over the largest of them and r.
     """
-    k = rps_STATE
-    x, y = w[k], w[k + 1]
-    px, py, pz, qx, qy, qz = w[k + 2], w[k + 3], w[k + 4], w[k + 5], w[k + 6], w[k + 7]
-    size = w[rps_NOW]
-    r = w[rps_NOW + 1]
+    p, q, r = at.p, at.q, scale.r
     worst = 0.0
     total = 0.0
     for i in range(5):
-        sine, cosine, ty, tz = rps_limb(w, i)
-        sx, sy, sz = sine * px - cosine * qx, sine * py - cosine * qy, sine * pz - cosine * qz
+        sine, cosine, ty, tz = rps_limb(scale, i)
+        sx, sy, sz = sine * p.x - cosine * q.x, sine * p.y - cosine * q.y, sine * p.z - cosine * q.z
         sx, sy, sz = r * sx, r * sy, r * sz
-        lx, ly, lz = x + sx, y + sy - ty, r * qz + sz - tz
-        length = lengths[i] / size
+        lx, ly, lz = at.x + sx, at.y + sy - ty, r * q.z + sz - tz
+        length = lengths[i] / scale.size
         f = lx * lx + ly * ly + lz * lz - length * length
-        w[k + 8 + i] = f
+        w[rps_MISSES + i] = f
         worst = abs(f) if abs(f) > worst else worst
         total += abs(f)
-        j = k + 13 + 5 * i
+        j = rps_SLOPE + 5 * i
         w[j] = 2.0 * lx
         w[j + 1] = 2.0 * ly
         # P_z follows r q_z.
-        w[j + 2] = 2.0 * (sy * lz - sz * ly + r * lz * qy)
-        w[j + 3] = 2.0 * (sz * lx - sx * lz - r * lz * qx)
+        w[j + 2] = 2.0 * (sy * lz - sz * ly + r * lz * q.y)
+        w[j + 3] = 2.0 * (sz * lx - sx * lz - r * lz * q.x)
         w[j + 4] = 2.0 * (sx * ly - sy * lx)
     # Not a number if any is not.
     return worst + 0.0 * total
 
 
-def rps_limb(w, i):  # type: ignore[no-untyped-def]
+def rps_limb(scale, i):  # type: ignore[no-untyped-def]
     """Return sine and cosine of s_k and T_k of a limb, over the size."""
-    big = w[rps_NOW + 2]
-    h = w[rps_NOW + 3]
+    big, h = scale.big, scale.h
     if i == 0:
         return 0.0, 1.0, big, 0.0
     sine = rps_S1 if i == 1 or i == 4 else rps_S2
@@ -470,8 +636,8 @@ def rps_limb(w, i):  # type: ignore[no-untyped-def]
 
 def rps_inverse(w):  # type: ignore[no-untyped-def]
     """Put the slope's inverse in place by elimination with pivots; return whether there is one."""
-    j = rps_STATE + 13
-    v = rps_STATE + 38
+    j = rps_SLOPE
+    v = rps_INVERSE
     for i in range(25):
         w[v + i] = 1.0 if i % 6 == 0 else 0.0
     for column in range(5):
@@ -501,13 +667,11 @@ def rps_inverse(w):  # type: ignore[no-untyped-def]
     return True
 
 
-def rps_move(w, at, x, y, rx, ry, rz):  # type: ignore[no-untyped-def]
-    """Set the state to that at ``at``, moved by (x, y) and turned, to second order of a turn."""
-    k = rps_STATE
-    w[k] = w[at] + x
-    w[k + 1] = w[at + 1] + y
-    px, py, pz = w[at + 2], w[at + 3], w[at + 4]
-    qx, qy, qz = w[at + 5], w[at + 6], w[at + 7]
+def rps_move(at, x, y, turn):  # type: ignore[no-untyped-def]
+    """Return a place, moved by (x, y) and turned, to second order of a turn."""
+    rx, ry, rz = turn.x, turn.y, turn.z
+    px, py, pz = at.p.x, at.p.y, at.p.z
+    qx, qy, qz = at.q.x, at.q.y, at.q.z
     ux, uy, uz = ry * pz - rz * py, rz * px - rx * pz, rx * py - ry * px
     vx, vy, vz = ry * qz - rz * qy, rz * qx - rx * qz, rx * qy - ry * qx
     px += ux + 0.5 * (ry * uz - rz * uy)
@@ -525,149 +689,174 @@ def rps_move(w, at, x, y, rx, ry, rz):  # type: ignore[no-untyped-def]
     qy -= along * py
     qz -= along * pz
     unit = 1.0 / math.sqrt(qx * qx + qy * qy + qz * qz)
-    w[k + 2], w[k + 3], w[k + 4] = px, py, pz
-    w[k + 5], w[k + 6], w[k + 7] = unit * qx, unit * qy, unit * qz
+    return Place(at.x + x, at.y + y, Vec3(px, py, pz), Vec3(unit * qx, unit * qy, unit * qz))
 
 
-def rps_newton(w, constants, lengths):  # type: ignore[no-untyped-def]
-    """Move the state to a solution; return the largest miss of a length's square there."""
-    worst = rps_equations(w, constants, lengths)
-    k = rps_STATE
-    v = k + 38
-    before = rps_HERE
+def rps_moved(w, at, step):  # type: ignore[no-untyped-def]
+    """Return a place, moved by a step times the way that is in place."""
+    b = rps_WAY
+    turn = Vec3(step * w[b + 2], step * w[b + 3], step * w[b + 4])
+    return rps_move(at, step * w[b], step * w[b + 1], turn)
+
+
+def rps_newton(w, at, scale, lengths):  # type: ignore[no-untyped-def]
+    """Return the solution that Newton's method leads to, and the largest miss there.
+
+    Misses are those of the lengths' squares.
+    """
+    worst = rps_equations(w, at, scale, lengths)
     idle = 0
     for _ in range(60):
-        for i in range(8):
-            w[before + i] = w[k + i]
+        before = at
         if not rps_inverse(w):
             break
         total = 0.0
         for i in range(5):
             step = 0.0
             for j in range(5):
-                step -= w[v + 5 * i + j] * w[k + 8 + j]
-            w[before + 8 + i] = step
+                step -= w[rps_INVERSE + 5 * i + j] * w[rps_MISSES + j]
+            w[rps_WAY + i] = step
             total += step * step
         size = math.sqrt(total)
-        shorter = 0.4 / size if size > 0.4 else 1.0
-        b = before + 8
-        rps_move(
-            w, before, shorter * w[b], shorter * w[b + 1],
-            shorter * w[b + 2], shorter * w[b + 3], shorter * w[b + 4],
-        )  # fmt: skip
-        miss = rps_equations(w, constants, lengths)
+        at = rps_moved(w, before, 0.4 / size if size > 0.4 else 1.0)
+        miss = rps_equations(w, at, scale, lengths)
         if miss < rps_CLOSE and miss >= 0.5 * worst:
             # Nothing is left but rounding: two such steps, then the better of both states.
             idle += 1
             if miss >= worst:
-                for i in range(8):
-                    w[k + i] = w[before + i]
-                miss = rps_equations(w, constants, lengths)
+                at = before
+                miss = rps_equations(w, at, scale, lengths)
             if idle > 1 or size < EPS:
                 worst = miss
                 break
         worst = miss
         if size <= 0.25 * EPS:
             break
-    return worst
+    return at, worst
 
 
-def rps_keep(w, constants, lengths, count):  # type: ignore[no-untyped-def]
-    """Keep the state if it solves the equations and is new; return how many are kept.
+def rps_kept(w, k):  # type: ignore[no-untyped-def]
+    """Return a mode that is kept."""
+    b = rps_FOUND + rps_KEPT * k
+    return Place(w[b], w[b + 1], Vec3(w[b + 2], w[b + 3], w[b + 4]),
+                 Vec3(w[b + 5], w[b + 6], w[b + 7]))  # fmt: skip
 
-    A state and its mirror image, -x, are kept as one.
+
+def rps_gap(at, other, side):  # type: ignore[no-untyped-def]
+    """Return the distance of a place to another one, or to its mirror image for side -1."""
+    gap = at.x - side * other.x
+    total = gap * gap
+    gap = at.y - other.y
+    total += gap * gap
+    gap = at.p.x - side * other.p.x
+    total += gap * gap
+    gap = at.p.y - other.p.y
+    total += gap * gap
+    gap = at.p.z - other.p.z
+    total += gap * gap
+    gap = at.q.x - side * other.q.x
+    total += gap * gap
+    gap = at.q.y - other.q.y
+    total += gap * gap
+    gap = at.q.z - other.q.z
+    total += gap * gap
+    return math.sqrt(total)
+
+
+def rps_keep(w, count, start, scale, lengths):  # type: ignore[no-untyped-def]
+    """Keep the solution that a place leads to if it is new; return how many are kept.
+
+    A solution and its mirror image, -x, are kept as one.
     """
-    if not rps_newton(w, constants, lengths) <= rps_CLOSE:
+    at, worst = rps_newton(w, start, scale, lengths)
+    if not worst <= rps_CLOSE:
         return count
-    rps_equations(w, constants, lengths)
+    rps_equations(w, at, scale, lengths)
     # What a miss by rounding moves the solution by.
     radius = 1e-5
     if rps_inverse(w):
         total = 0.0
         for i in range(25):
-            total += w[rps_STATE + 38 + i] * w[rps_STATE + 38 + i]
+            total += w[rps_INVERSE + i] * w[rps_INVERSE + i]
         radius = 16.0 * EPS * (1.0 + math.sqrt(total))
         radius = radius if radius < 1e-5 else 1e-5
     for k in range(count):
-        at = rps_FOUND + rps_KEPT * k
-        same = 0.0
-        other = 0.0
-        for i in range(8):
-            gap = w[at + i] - w[rps_STATE + i]
-            same += gap * gap
-            if i == 0 or i == 2 or i == 5:
-                gap = w[at + i] + w[rps_STATE + i]
-            other += gap * gap
-        if math.sqrt(same if same < other else other) <= radius + w[at + 8]:
+        mode = rps_kept(w, k)
+        same = rps_gap(mode, at, 1.0)
+        other = rps_gap(mode, at, -1.0)
+        if (same if same < other else other) <= radius + w[rps_FOUND + rps_KEPT * k + 8]:
             return count
     if count == rps_PATHS:
         return count
-    at = rps_FOUND + rps_KEPT * count
-    for i in range(8):
-        w[at + i] = w[rps_STATE + i]
-    w[at + 8] = radius
+    b = rps_FOUND + rps_KEPT * count
+    w[b] = at.x
+    w[b + 1] = at.y
+    for i in range(3):
+        w[b + 2 + i] = at.p[i]
+        w[b + 5 + i] = at.q[i]
+    w[b + 8] = radius
     return count + 1
 
 
-def rps_twin(w, constants, lengths, k):  # type: ignore[no-untyped-def]
-    """Move the state to where mode k may have a twin; return whether it may."""
-    at = rps_FOUND + rps_KEPT * k
-    for i in range(8):
-        w[rps_STATE + i] = w[at + i]
-    rps_equations(w, constants, lengths)
-    if not rps_inverse(w):
-        return False
-    v = rps_STATE + 38
+def rps_heading(w):  # type: ignore[no-untyped-def]
+    """Put the way that the slope hardly moves, and the weights of what it hardly reaches, in place.
+
+    They are the inverse's largest column and row. Return what the way changes of that.
+    """
     best = 0.0
     row = 0
     column = 0
     for i in range(25):
-        if abs(w[v + i]) > best:
-            best = abs(w[v + i])
+        if abs(w[rps_INVERSE + i]) > best:
+            best = abs(w[rps_INVERSE + i])
             row = i // 5
             column = i % 5
     total = 0.0
     for i in range(5):
-        total += w[v + 5 * i + column] * w[v + 5 * i + column]
+        total += w[rps_INVERSE + 5 * i + column] * w[rps_INVERSE + 5 * i + column]
     unit = 1.0 / math.sqrt(total)
-    b = rps_HERE
     for i in range(5):
-        w[b + i] = unit * w[v + 5 * i + column]
-        w[b + 5 + i] = w[v + 5 * row + i]
+        w[rps_WAY + i] = unit * w[rps_INVERSE + 5 * i + column]
+        w[rps_WEIGHTS + i] = w[rps_INVERSE + 5 * row + i]
     # The inverse's row times the slope is the axis ``row``.
-    along = w[b + row]
-    bend = 0.0
-    step = 1e-3
-    for side in range(2):
-        way = step if side == 0 else -step
-        rps_move(w, at, way * w[b], way * w[b + 1], way * w[b + 2], way * w[b + 3], way * w[b + 4])
-        rps_equations(w, constants, lengths)
-        for i in range(5):
-            bend += w[b + 5 + i] * w[rps_STATE + 8 + i]
-    bend /= step * step
-    if not abs(along) < 0.15 * abs(bend):
-        return False
-    away = -2.0 * along / bend
-    rps_move(w, at, away * w[b], away * w[b + 1], away * w[b + 2], away * w[b + 3], away * w[b + 4])
-    return True
+    return w[rps_WAY + row]
 
 
-def rps_write(w, at, side, constants, lengths, out):  # type: ignore[no-untyped-def]
-    """Write pose, z, residual and distance from home of a kept state or its mirror image."""
-    for i in range(8):
-        w[rps_STATE + i] = w[at + i]
-    size = w[rps_NOW]
-    px, py, pz = side * w[at + 2], w[at + 3], w[at + 4]
-    qx, qy, qz = side * w[at + 5], w[at + 6], w[at + 7]
+def rps_twins(w, count, scale, lengths):  # type: ignore[no-untyped-def]
+    """Seek twins of the modes that are kept; return how many are kept then."""
+    k = 0
+    while k < count:
+        mode = rps_kept(w, k)
+        rps_equations(w, mode, scale, lengths)
+        if rps_inverse(w):
+            along = rps_heading(w)
+            bend = 0.0
+            for side in range(2):
+                step = ASSEMBLY_STEP if side == 0 else -ASSEMBLY_STEP
+                rps_equations(w, rps_moved(w, mode, step), scale, lengths)
+                for i in range(5):
+                    bend += w[rps_WEIGHTS + i] * w[rps_MISSES + i]
+            away, near = assembly_apart(along, bend)
+            if near:
+                count = rps_keep(w, count, rps_moved(w, mode, away), scale, lengths)
+        k += 1
+    return count
+
+
+def rps_write(at, side, scale, constants, lengths, out):  # type: ignore[no-untyped-def]
+    """Write pose, z, residual and distance from home of a mode or its mirror image."""
+    size = scale.size
+    px, py, pz = side * at.p.x, at.p.y, at.p.z
+    qx, qy, qz = side * at.q.x, at.q.y, at.q.z
     nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-    alpha, beta, gamma = assembly_angles((nx, px, qx, ny, py, qy, nz, pz, qz))
+    alpha, beta, gamma = assembly_angles(Rotation(nx, px, qx, ny, py, qy, nz, pz, qz))
     small = constants[2]
-    x = side * size * w[at]
-    y = size * w[at + 1]
+    x = side * size * at.x
+    y = size * at.y
     z = small * qz
     worst = 0.0
     for i in range(5):
-        sine, cosine, ty, tz = rps_limb(w, i)
+        sine, cosine, ty, tz = rps_limb(scale, i)
         lx = x + small * (sine * px - cosine * qx)
         ly = y + small * (sine * py - cosine * qy) - size * ty
         lz = z + small * (sine * pz - cosine * qz) - size * tz
@@ -682,30 +871,73 @@ def rps_write(w, at, side, constants, lengths, out):  # type: ignore[no-untyped-
     out[6] = worst
     away = (x - constants[3]) * (x - constants[3]) + (y - constants[4]) * (y - constants[4])
     for i in range(3):
-        gap = out[2 + i] - constants[5 + i]
-        gap -= 6.283185307179586 * math.floor(gap / 6.283185307179586 + 0.5)
+        gap = assembly_principal(out[2 + i] - constants[5 + i])
         away += small * small * gap * gap
     out[7] = away
 
 
-def rps_prepare(w, constants):  # type: ignore[no-untyped-def]
-    """Follow the known solutions to the mechanism's dimensions and general lengths; once."""
+def rps_general(constants):  # type: ignore[no-untyped-def]
+    """Return the dimensions and lengths of the known solutions: :data:`DIMENSIONS`."""
+    return Dimensions(
+        complex(constants[8], constants[9]), complex(constants[10], constants[11]),
+        complex(constants[12], constants[13]), complex(constants[14], constants[15]),
+        complex(constants[16], constants[17]), complex(constants[18], constants[19]),
+        complex(constants[20], constants[21]),
+    )  # fmt: skip
+
+
+def rps_own(constants):  # type: ignore[no-untyped-def]
+    """Return the mechanism's dimensions and general lengths."""
     big = constants[0] / constants[2]
     h = constants[1] / constants[2]
-    for i in range(14):
-        w[rps_FROM + i] = constants[8 + i]
-        w[rps_TO + i] = 0.0
-    w[rps_TO] = big
-    w[rps_TO + 2] = h
     scale = (big * big + 2.0 * h * h + 1.0) / 24.0
-    for i in range(4, 14):
-        w[rps_TO + i] = scale * constants[8 + i]
+    known = rps_general(constants)
+    return Dimensions(
+        complex(big, 0.0), complex(h, 0.0), rps_times(scale, known.l1),
+        rps_times(scale, known.l2), rps_times(scale, known.l3), rps_times(scale, known.l4),
+        rps_times(scale, known.l5),
+    )  # fmt: skip
+
+
+def rps_prepare(w, constants):  # type: ignore[no-untyped-def]
+    """Follow the known solutions to the mechanism's dimensions and general lengths; once."""
+    known, own = rps_general(constants), rps_own(constants)
+    path = Path(known, own, rps_coefficients(known), rps_coefficients(own), False)
     for k in range(rps_PATHS):
-        begin = rps_BEGIN + 12 * k
-        for i in range(12):
-            w[rps_END + 12 * k + i] = constants[22 + 12 * k + i]
-        if not rps_follow(w, rps_END + 12 * k, begin, False, 0.3):
-            rps_follow(w, rps_END + 12 * k, begin, False, 0.01)
+        start = rps_load(constants, 22 + 12 * k)
+        ended = rps_follow(start, path, 0.3)
+        if not ended.there:
+            ended = rps_follow(start, path, 0.01)
+        if ended.there:
+            rps_store(w, rps_BEGIN + 12 * k, ended.state)
+
+
+def rps_follow_all(w, path):  # type: ignore[no-untyped-def]
+    """Follow all solutions along a path, in smaller steps where some are lost."""
+    for attempt in range(3):
+        finer = 1.0 if attempt == 0 else (0.1 if attempt == 1 else 0.01)
+        sound = True
+        for k in range(rps_PATHS):
+            ended = rps_follow(rps_load(w, rps_BEGIN + 12 * k), path, finer)
+            rps_store(w, rps_END + 12 * k, ended.state)
+            sound = sound and ended.there
+        if sound and rps_sound(w):
+            break
+
+
+def rps_start(state, k, small, size):  # type: ignore[no-untyped-def]
+    """Return the place of a path's end; of P, p and q only the directions count."""
+    at = Place(
+        x=state.x.real * small / size,
+        y=state.y.real * small / size,
+        p=Vec3(state.p.real, k.a0.real + k.a1.real * state.a.real, state.c.real),
+        q=Vec3(
+            state.q.real,
+            k.q0.real + (k.q1.real * state.y.real + k.q2.real * state.c.real),
+            state.a.real,
+        ),
+    )
+    return rps_move(at, 0.0, 0.0, Vec3(0.0, 0.0, 0.0))
 
 
 def rps_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
@@ -730,65 +962,39 @@ def rps_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
         if joints[i] < 0.0:
             return 0, True
         size = joints[i] if joints[i] > size else size
-    for i in range(14):
-        w[rps_NOW + i] = w[rps_TO + i]
-    rps_coefficients(w, rps_HEAD)
-    for i in range(5):
-        length = joints[i] / small
-        w[rps_NOW + 4 + 2 * i] = length * length
-        w[rps_NOW + 5 + 2 * i] = 0.0
-    rps_coefficients(w, rps_HEAD + 26)
-    for attempt in range(3):
-        finer = 1.0 if attempt == 0 else (0.1 if attempt == 1 else 0.01)
-        sound = True
-        for k in range(rps_PATHS):
-            end = rps_END + 12 * k
-            if not rps_follow(w, rps_BEGIN + 12 * k, end, True, finer):
-                for i in range(12):
-                    w[end + i] = w[rps_HERE + i]
-                sound = False
-        if sound and rps_sound(w):
-            break
-    w[rps_NOW] = size
-    w[rps_NOW + 1] = small / size
-    w[rps_NOW + 2] = constants[0] / size
-    w[rps_NOW + 3] = constants[1] / size
+    own = rps_own(constants)
+    given = Dimensions(
+        own.big, own.h, rps_real_square(joints[0] / small), rps_real_square(joints[1] / small),
+        rps_real_square(joints[2] / small), rps_real_square(joints[3] / small),
+        rps_real_square(joints[4] / small),
+    )  # fmt: skip
+    end = rps_coefficients(given)
+    rps_follow_all(w, Path(own, given, rps_coefficients(own), end, True))
+    scale = Scale(size, small / size, constants[0] / size, constants[1] / size)
     count = 0
     for k in range(rps_PATHS):
-        end = rps_END + 12 * k
+        state = rps_load(w, rps_END + 12 * k)
         apart = 0.0
         for i in range(6):
-            part = abs(w[end + 2 * i + 1])
+            part = abs(state[i].imag)
             apart = part if part > apart else apart
         if apart < rps_REAL:
-            # Of P, p and q only the directions count.
-            w[rps_HERE] = w[end + 10] * small / size
-            w[rps_HERE + 1] = w[end + 2] * small / size
-            w[rps_HERE + 2] = w[end + 6]
-            w[rps_HERE + 3] = w[rps_HEAD + 26] + w[rps_HEAD + 26 + 2] * w[end]
-            w[rps_HERE + 4] = w[end + 4]
-            w[rps_HERE + 5] = w[end + 8]
-            w[rps_HERE + 6] = w[rps_HEAD + 26 + 14]
-            w[rps_HERE + 6] += (
-                w[rps_HEAD + 26 + 16] * w[end + 2] + w[rps_HEAD + 26 + 18] * w[end + 4]
-            )
-            w[rps_HERE + 7] = w[end]
-            rps_move(w, rps_HERE, 0.0, 0.0, 0.0, 0.0, 0.0)
-            count = rps_keep(w, constants, joints, count)
-    m = 0
-    while m < count:
-        if rps_twin(w, constants, joints, m):
-            count = rps_keep(w, constants, joints, count)
-        m += 1
+            count = rps_keep(w, count, rps_start(state, end, small, size), scale, joints)
+    count = rps_twins(w, count, scale, joints)
     total = 0
     for m in range(count):
-        at = rps_FOUND + rps_KEPT * m
-        rps_write(w, at, 1.0, constants, joints, found[total])
+        at = rps_kept(w, m)
+        rps_write(at, 1.0, scale, constants, joints, found[total])
         total += 1
-        flat = math.sqrt(w[at] * w[at] + w[at + 2] * w[at + 2] + w[at + 5] * w[at + 5])
+        flat = math.sqrt(at.x * at.x + at.p.x * at.p.x + at.q.x * at.q.x)
         # All in the plane of the base: the mode is its own mirror image.
-        if flat > w[at + 8]:
-            rps_write(w, at, -1.0, constants, joints, found[total])
+        if flat > w[rps_FOUND + rps_KEPT * m + 8]:
+            rps_write(at, -1.0, scale, constants, joints, found[total])
             total += 1
     assembly_sort(found, total, 8)
     return total, False
+
+
+def rps_real_square(length):  # type: ignore[no-untyped-def]
+    """Return the square of a length as a complex number."""
+    return complex(length * length, 0.0)

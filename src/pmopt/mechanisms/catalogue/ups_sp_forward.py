@@ -282,8 +282,8 @@ def sp_twins(w, count, goals):  # type: ignore[no-untyped-def]
             step = ASSEMBLY_STEP if side == 0 else -ASSEMBLY_STEP
             f = sp_equations(sp_turn(mode, heading.way, step), goals).f
             bend += heading.weights.x * f.x + heading.weights.y * f.y + heading.weights.z * f.z
-        away, near = assembly_apart(heading, bend)
-        if near:
+        away, near = assembly_apart(heading.along, bend)
+        if heading.there and near:
             count = sp_keep(w, count, sp_turn(mode, heading.way, away), goals)
         k += 1
     return count

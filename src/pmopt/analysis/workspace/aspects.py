@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.analysis.workspace.sweeper import Design, Notify, Sweeper, Tallies
-from pmopt.compiler.machine_code import Compiled
+from pmopt.compiler.machine_code import Program
 from pmopt.compiler.program_text import ENTRIES
 from pmopt.errors import InputError
 from pmopt.mechanisms.mechanism import Mechanism, Vector
@@ -164,7 +164,7 @@ class FieldSweeper(Sweeper):
         return home
 
     @property
-    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def sampling_kernels(self) -> dict[Program, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling calls."""
         return {self._kernels: ENTRIES[1:]}
 

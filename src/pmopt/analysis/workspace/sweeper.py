@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.record import Subject
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.compiler.machine_code import Compiled
+from pmopt.compiler.machine_code import Program
 from pmopt.compiler.program_text import ENTRIES, PLACE, Checks, Recipe, specialise
 from pmopt.compiler.records import flat, size
 from pmopt.errors import InputError
@@ -345,19 +345,19 @@ class Sweeper:
         return exp(found.x)
 
     @property
-    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def kernels(self) -> dict[Program, tuple[str, ...]]:
         """The compiled texts of this sweeper and the entries it may call."""
-        found: dict[Compiled, tuple[str, ...]] = {self._sweep: ("sweep",)}
+        found: dict[Program, tuple[str, ...]] = {self._sweep: ("sweep",)}
         found[self._kernels] = (*found.get(self._kernels, ()), *ENTRIES[1:])
         return found
 
     @property
-    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def sampling_kernels(self) -> dict[Program, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling calls."""
         return {self._sweep: ("sweep",)}
 
     @property
-    def measuring_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def measuring_kernels(self) -> dict[Program, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling and the search for extremes call."""
         found = self.sampling_kernels
         called = dict.fromkeys((*found.get(self._kernels, ()), *_SEARCHING))

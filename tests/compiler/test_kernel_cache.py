@@ -145,8 +145,12 @@ for name in names():
         settings = WorkspaceSettings(
             sampler=sampler, link_diameter=0.1, cone_angle=1.0 if mechanism.cones else None)
         evaluator = make_sampler(mechanism, settings).evaluator
-        print(name, sampler, *sorted(k.folder.name for k in evaluator.kernels))
-print("cells", "all", programs.counting().folder.name)
+        for kernels, entries in evaluator.kernels.items():
+            for entry in entries:
+                for compiled, part in kernels.parts(entry):
+                    print(name, part, sampler, compiled.folder.name)
+for made in (programs.counting(), programs.searching(), programs.enclosing()):
+    print("shared", *(e.name for e in made.entries), made.folder.name)
 """
 CATALOGUE = "mechanisms/catalogue"
 #: Kernel files, what of them is edited, and whose folders have to change.
@@ -177,7 +181,7 @@ def folders_of(source):
         capture_output=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
-    return {tuple(line.split()[:2]): line for line in done.stdout.splitlines()}
+    return {tuple(line.split()[:-1]): line for line in done.stdout.splitlines()}
 
 
 @pytest.fixture(scope="module")
@@ -217,8 +221,9 @@ def test_a_damaged_file_is_compiled_anew(kept, data):
         path.write_bytes(damaged)
         made = []
         patch.setattr(
-            machine_code, "_object_code", lambda entry, _: made.append(entry.name) or whole[32:]
-        )
+            machine_code.Compiled, "_compile",
+            lambda self, entry: made.append(entry.name) or whole[32:],
+        )  # fmt: skip
         assert called(kernels()) == [3.0, 6.0]
         assert made == ([] if damaged == whole else ["scale"])
         assert path.read_bytes() == whole
@@ -401,7 +406,7 @@ def test_a_folder_that_is_not_this_users_own_is_not_used(cache, own, tmp_path, m
 @pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o644)])
 def test_files_of_the_cache_are_nobody_elses_to_write(tmp_path, monkeypatch, umask, mode):
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(machine_code, "_object_code", lambda entry, _: b"code")
+    monkeypatch.setattr(machine_code, "_object_code_of", lambda text: b"code")
     monkeypatch.setattr(machine_code, "_load", lambda code: 1)
     before = os.umask(umask)
     machine_code._umask.cache_clear()

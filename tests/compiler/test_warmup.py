@@ -32,8 +32,9 @@ def test_all_that_a_workspace_needs(nothing_kept):
     assert "compiling the kernels of 2pauu-ppap" in told[0]
     kept = sorted(path.name for path in nothing_kept.glob("*/*.o"))
     assert kept == [
-        "advance.o", "chain.o", "field.o", "label_runs.o", "lattice.o", "locate.o", "outline.o",
-        "points.o", "probe.o", "sweep.o",
+        "advance.o", "chain.o", "field.o", "fill.o", "indices.o", "label_runs.o", "lattice.o",
+        "locate.o", "margins.o", "outline.o", "placed.o", "points.o", "probe.o", "skeletons.o",
+        "sweep.o",
     ]  # fmt: skip
     assert warm_up([sampler.evaluator], 2) == {"2pauu-ppap": 0}
     assert len(told) == 1

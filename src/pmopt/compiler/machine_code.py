@@ -36,11 +36,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from pmopt.compiler import whole_program
+from pmopt.compiler import lowering, whole_program
 from pmopt.compiler.undisturbed import IDLE, undisturbed
 from pmopt.compiler.whole_program import collecting_nothing, compiled_as_text
 
@@ -73,6 +73,11 @@ FIXED = "haswell"
 _NEEDED = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt")
 #: What ``$PMOPT_TARGET`` may say; the first is the default.
 TARGETS = ("host", FIXED)
+#: What makes machine code of a text.
+_SOURCES = (
+    Path(__file__), Path(whole_program.__file__),
+    *sorted(Path(lowering.__file__).parent.glob("*.py")),
+)  # fmt: skip
 _lock = threading.Lock()
 _engines: list[Any] = []  # what keeps loaded machine code alive
 _compiling = [0.0]  # s, spent on it by this process
@@ -191,7 +196,7 @@ def _machine() -> tuple[str, ...]:
         llvmlite.__version__,
         np.__version__,
         sys.version,
-        *(Path(f).read_text(encoding="utf-8") for f in (__file__, whole_program.__file__)),
+        *(path.read_text(encoding="utf-8") for path in _SOURCES),
         *(
             f"{k}={v}"
             for k, v in sorted(os.environ.items())
@@ -299,6 +304,8 @@ class Compiled:
         self.entries = tuple(entries)
         self._by_name = {e.name: e for e in entries}
         self._module: ModuleType | None = None
+        self._addresses: dict[str, int] = {}
+        self._begun = False
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         """Return an entry as a function of numbers and arrays."""
@@ -306,11 +313,23 @@ class Compiled:
             entry = self.__dict__["_by_name"][name]
         except KeyError:
             raise AttributeError(name) from None
+        address = self.address(name)
         with _lock:
             if name not in self.__dict__:
-                setattr(self, name, _caller(entry, self._address(entry)))
+                setattr(self, name, _caller(entry, address))
         found: Callable[..., None] = self.__dict__[name]
         return found
+
+    def address(self, name: str) -> int:
+        """Return where the machine code of an entry begins."""
+        with _lock:
+            if name not in self._addresses:
+                self._addresses[name] = self._address(self._by_name[name])
+        return self._addresses[name]
+
+    def parts(self, name: str) -> list[tuple[Compiled, str]]:
+        """Return what an entry is put together of: itself."""
+        return [(self, name)]
 
     def is_compiled(self, name: str) -> bool:
         """Return whether the machine code of an entry is kept."""
@@ -344,9 +363,22 @@ class Compiled:
 
     def _compile(self, entry: Entry) -> bytes:
         """Return an entry's object code."""
-        if self._module is None:
+        if not self._begun:
+            self._begun = True
             if self.on_compile is not None:
                 self.on_compile()
+            path = self.folder / "kernels.py"  # to be read
+            if _is_writable(path.parent):
+                write_whole(path, self.text.encode())
+        try:
+            text = lowering.lowered(self.text, entry.name, entry.arguments, _SYMBOL)
+        except lowering.Unsupported:
+            return self._compile_by_numba(entry)
+        return _object_code_of(text)
+
+    def _compile_by_numba(self, entry: Entry) -> bytes:
+        """Return an entry's object code, of a text with more of Python than kernels need."""
+        if self._module is None:
             if not _set_numba():
                 return _compiled_elsewhere(self, entry)
             with undisturbed():
@@ -355,11 +387,9 @@ class Compiled:
             return _object_code(entry, getattr(self._module, entry.name))
 
     def _import(self) -> ModuleType:
-        """Import the text, from a file where one can be written so that it can be read."""
+        """Import the text."""
         name = f"pmopt_kernels_{self.folder.name}"
         path = self.folder / "kernels.py"
-        if _is_writable(path.parent):
-            write_whole(path, self.text.encode())
         module = ModuleType(name)
         module.__file__ = str(path)
         sys.modules[name] = module
@@ -367,8 +397,20 @@ class Compiled:
         return module
 
 
+class Program(Protocol):
+    """What has entries that are compiled: one text, or several that call each other."""
+
+    on_compile: Callable[[], None] | None
+
+    def parts(self, name: str) -> list[tuple[Compiled, str]]:
+        """Return the texts, and their entries, that an entry is put together of."""
+
+    def is_compiled(self, name: str) -> bool:
+        """Return whether the machine code of an entry is kept."""
+
+
 def compile_ahead(
-    wanted: Sequence[tuple[Compiled, str]],
+    wanted: Sequence[tuple[Program, str]],
     workers: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
@@ -384,7 +426,8 @@ def compile_ahead(
     progress : callable, optional
         Receives how many are compiled and how many were missing, at first and after each.
     """
-    missing = [(c, name) for c, name in wanted if not c.is_compiled(name)]
+    parts = dict.fromkeys(part for program, name in wanted for part in program.parts(name))
+    missing = [(c, name) for c, name in parts if not c.is_compiled(name)]
     if not missing:
         return
     for compiled in dict.fromkeys(c for c, _ in missing):
@@ -464,6 +507,24 @@ def _serve() -> None:
             texts[text] = Compiled(text, [Entry(n, tuple(a)) for n, a in entries])
         getattr(texts[text], name)
         print(name, flush=True)
+
+
+def _object_code_of(text: str) -> bytes:
+    """Optimise LLVM's text of a module and return its object code."""
+    import llvmlite.binding as llvm
+
+    _initialize()
+    machine = _target_machine()
+    module = llvm.parse_assembly(text)
+    module.triple = llvm.get_process_triple()
+    module.data_layout = str(machine.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = True
+    options.slp_vectorization = False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    code: bytes = machine.emit_object(module)
+    return code
 
 
 def _object_code(entry: Entry, function: Any) -> bytes:
@@ -548,6 +609,10 @@ def _caller(entry: Entry, address: int) -> Callable[..., None]:
     arrays: list[tuple[np.dtype[Any], tuple[int | None, ...]] | None] = []
     for argument in entry.arguments:
         kind, _, axes = argument.partition("[")
+        if argument.startswith(lowering.PIECE):
+            types.append(ctypes.c_void_p)
+            arrays.append(None)
+            continue
         if not axes:
             types.append(_KINDS[kind])
             arrays.append(None)

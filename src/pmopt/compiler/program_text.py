@@ -1,26 +1,31 @@
-"""Make the text of the compiled sweep of one mechanism.
+"""Make the texts of the compiled sweep of one mechanism.
 
-A specialised module is ONE source text: the kernel, the conditioning function, their constants and
-helpers and the functions of :mod:`pmopt.kernels.sweep`, copied from their sources.
+A sweep is put together of pieces that are compiled apart and call each other by address, a block of
+points at a time. What all mechanisms share is :mod:`pmopt.kernels.sweep` and, by order and norm,
+the conditioning of Jacobians; :mod:`pmopt.kernels.pieces` has what a mechanism brings. The text of
+a piece is its function, the mechanism's own, their constants and helpers, copied from their
+sources, and nothing else: what does not change is not compiled again.
 :mod:`pmopt.compiler.machine_code` compiles and keeps it.
 """
 
 from __future__ import annotations
 
+import functools
 import inspect
 import itertools
 import linecache
 import math
 import textwrap
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pmopt.compiler import records
 from pmopt.compiler.apart import apart, clash, is_ours, keep_name, names_of, renamed
+from pmopt.compiler.lowering import AND, PIECE
 from pmopt.compiler.machine_code import Compiled, Entry
-from pmopt.kernels import conditioning, segment_distance, sweep
+from pmopt.kernels import conditioning, pieces, segment_distance, sweep
 from pmopt.kernels.vectors import Vec3
 
 CONDITIONING = {"2": conditioning.inverse_condition_2, "fro": conditioning.inverse_condition_fro}
@@ -30,7 +35,7 @@ BLOCK_CONDITIONING = {
     "fro": conditioning.inverse_conditions_fro,
 }
 #: What precedes the segments in a skeleton: position and rotation of the platform.
-PLACE = 12
+PLACE = sweep.PLACE
 #: Begins every module.
 PREFACE = "import math\n\nimport numpy as np\nfrom numba import njit\n\n\n"
 
@@ -46,14 +51,58 @@ _SMALL = 5000
 _LANES = 8
 PLAIN = f"@njit({_OPTIONS})"
 _STUBS = (
-    "margin_of", "index_block", "evaluate_block", "index_all", "place_on_line", "facts_of",
-    "placed_of", "skeleton_of", "unpack", "FACTS", "ORDER", "AXES", "LINES", "LINE_AXIS", "HEAVY",
-    "PLACE", "ENDS", "posture_to",
+    "margin_of", "index_block", "evaluate_block", "condition_block", "place_on_line", "facts_to",
+    "skeleton_to", "place_to", "unpack", "ORDER", "POSE", "SKELETON", "LINE_AXIS",
+    "posture_to",
 )  # fmt: skip
 #: What is written into a text beside what is collected.
-_TAKEN = (*_STUBS, "careful_index", "assemble_one", "njit")
+_TAKEN = (
+    *_STUBS, "careful_index", "assemble_one", "njit", "margins", "evaluations", "indices",
+    "conditions", "lines", "skeletons", "placed", "probe", "sweep", "field", "points", "outline",
+    "locate", "fill", "take",
+)  # fmt: skip
 _SEQUENCE = ("int64", "uint64[:]", "uint64[:,:]", "uint64[:,:,:]", "uint64[:,:,:]", "int64")
 _TABLE = "float64[:,:]"
+_BLOCK = f"float64[:,{sweep.PITCH}]"
+_CHOSEN = f"int64[{sweep.BLOCK}]"
+#: What pieces take; in their own texts the number of a block's rows is known.
+_FILL = (
+    "int64", "uint64[:]", "uint64[:]", "uint64[:,:]", "uint64[:,:]", "int64", "int64", "int64",
+    "float64[:]", "float64[:]", _BLOCK,
+)  # fmt: skip
+_POINTWISE = (_BLOCK, "int64", "float64[:]")
+_CONDITIONS = (_BLOCK, "int64")
+_LINES = (_BLOCK, "int64", "float64[:]", "float64[:]", "float64[:]")
+
+
+def _piece(arguments: Sequence[str]) -> str:
+    return PIECE + AND.join(arguments)
+
+
+#: What is compiled once for all mechanisms: functions of :mod:`pmopt.kernels.sweep`.
+_COMMON = {
+    "fill": _FILL,
+    "sweep": (
+        *_SEQUENCE, "int64", "int64", _TABLE, _TABLE, _TABLE, "float64", "float64[:]",
+        "float64[:,:,:]", "float64[:,:,:]", "float64[:,:,:]", _BLOCK, _CHOSEN,
+        *map(_piece, (_FILL, _POINTWISE, _POINTWISE, _CONDITIONS, _LINES)),
+    ),
+    "field": (
+        _TABLE, "float64[:]", "float64[:]", "float64[:]", _BLOCK,
+        *map(_piece, (_POINTWISE, _POINTWISE, _CONDITIONS)),
+    ),
+    "points": (
+        *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", _TABLE, _BLOCK, _piece(_FILL),
+    ),
+    "outline": (
+        *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]", "int64", "int64",
+        "float64", "float64", _TABLE, _TABLE, _BLOCK, "int64", _CHOSEN, "int64",
+        *map(_piece, (_FILL, _POINTWISE, _POINTWISE)),
+    ),
+    "locate": (
+        _TABLE, "float64[:]", "float64[:]", "float64[:]", _TABLE, _BLOCK, _piece(_POINTWISE),
+    ),
+}  # fmt: skip
 #: Begins the second look at indices that the closed form has doubted.
 _DOUBTFUL = (
     "    doubtful = 0\n"
@@ -126,39 +175,27 @@ class Recipe(NamedTuple):
     @property
     def facts(self) -> int:
         """Length of what a probe tells of a pose."""
-        return 1 + self.order**2 + PLACE + 6 * len(self.segments) + self.cones
+        return 1 + self.order**2 + self.skeleton_size
+
+    @property
+    def skeleton_size(self) -> int:
+        """Length of a skeleton."""
+        return PLACE + 6 * len(self.segments) + self.cones
+
+    @property
+    def first_pose(self) -> int:
+        """The row of a block where poses begin."""
+        beside = self.pose_size if self.order > 4 else 0
+        return sweep.WORK + max(self.order**2 + beside, PLACE)
 
     @property
     def scratch_rows(self) -> int:
         """Rows of PITCH numbers that a sweep needs for itself."""
-        return 2 * self.pose_size + 3 + self.order**2
-
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The functions of :mod:`pmopt.kernels.sweep` with the types of their arguments."""
-        scratch = f"float64[{self.scratch_rows},{sweep.PITCH}]"
-        return (
-            Entry("sweep", (
-                *_SEQUENCE, "int64", "int64", _TABLE, _TABLE, _TABLE, "float64", "float64[:]",
-                "float64[:,:,:]", "float64[:,:,:]", "float64[:,:,:]", scratch,
-                f"int64[{sweep.BLOCK}]",
-            )),
-            Entry("field", (_TABLE, "float64[:]", "float64[:]", "float64[:]", scratch)),
-            Entry("points", (
-                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", _TABLE, scratch,
-            )),
-            Entry("probe", (_TABLE, "float64[:]", _TABLE)),
-            Entry("outline", (
-                *_SEQUENCE, "int64", "int64", "float64[:]", "float64[:]", "float64[:]",
-                "int64", "int64", "float64", "float64", _TABLE, _TABLE, scratch,
-            )),
-            Entry("locate", (
-                _TABLE, "float64[:]", "float64[:]", "float64[:]", _TABLE, scratch,
-            )),
-        )  # fmt: skip
+        return self.first_pose + self.pose_size
 
 
-_loaded: dict[Recipe, Compiled] = {}
+#: Whole sweeps by recipe, and texts with their entries, as far as they are in use.
+_loaded: dict[Any, Any] = {}
 
 
 def collect(
@@ -218,106 +255,202 @@ def _source(function: Callable[..., Any]) -> str:
     return textwrap.dedent(inspect.getsource(function))
 
 
-def module_text(recipe: Recipe) -> str:
-    """Return the source text of the specialised module."""
-    kernel, order = recipe.kernel, recipe.order
-    of_matrix = (CONDITIONING if order == 3 else BLOCK_CONDITIONING)[recipe.norm]
+def common_text(name: str) -> str:
+    """Return the text of a function that is compiled once for all mechanisms."""
     blocks: dict[str, str] = {}
-    records.declare(recipe.constants, blocks)
-    blocks["ORDER"] = f"ORDER = {order}"
-    blocks["AXES"] = f"AXES = {recipe.pose_size}"
-    blocks["LINES"] = f"LINES = {int(recipe.line is not None)}"
-    blocks["LINE_AXIS"] = f"LINE_AXIS = {recipe.line_axis}"
-    blocks["PLACE"] = f"PLACE = {PLACE}"
-    blocks["ENDS"] = f"ENDS = {2 * len(recipe.segments)}"
-    blocks |= {name: f"{name} = {value}" for name, value in recipe.switches}
-    blocks["FACTS"] = f"FACTS = {recipe.facts}"
-    collect(kernel, blocks, dict(recipe.switches))
-    collect(recipe.skeleton, blocks)
-    if recipe.line is not None:
-        collect(recipe.line, blocks)
-    own_length = sum(map(len, blocks.values()))
+    collect(getattr(sweep, name), blocks)
+    return PREFACE + "\n\n".join(blocks.values())
+
+
+def conditions_text(order: int, norm: str) -> str:
+    """Return the text that takes the indices of Jacobians which a block holds."""
+    of_matrix = (CONDITIONING if order == 3 else BLOCK_CONDITIONING)[norm]
+    blocks = {"ORDER": f"ORDER = {order}"}
     collect(of_matrix, blocks)
-    if order == 3:
-        collect(CAREFUL[recipe.norm], blocks)
-    collect(segment_distance.segment_distance2, blocks)
-    pose = ", ".join(f"pose[{d}, i]" for d in range(recipe.pose_size))
-    entries = [f"result[{1 + e}]" for e in range(order**2)]
-    own = "constants[0]" if recipe.checks else "constants"
-    call = f"{kernel.__name__}({pose}, {own})"
-    margin = "    margin = result[0]\n" + (_checks(recipe, pose) if recipe.checks else "")
-    heavy = order == 3 and own_length > _SMALL
-    blocks["HEAVY"] = f"HEAVY = {int(heavy)}"
-
-    def define(name: str, arguments: str, body: str, decorator: str = INLINE) -> None:
-        blocks[name] = f"{decorator}\ndef {name}({arguments}):\n{body}"
-
-    point, block = "pose, i, constants", "pose, count, constants"
-    evaluated = f"    result = {call}\n"
     each = "    for i in range(count):\n"
-    # Whole vectors: the last pose fills them, where single points would cost as much as ten.
-    whole = (
-        f"    filled = (count + {_LANES - 1}) & {-_LANES}\n"
-        f"    for d in range({recipe.pose_size}):\n"
-        "        for i in range(count, filled):\n"
-        "            pose[d, i] = pose[d, count - 1]\n"
-        "    for i in range(filled):\n"
-    )
-    kept = "".join(f"    work[{e}, i] = {text}\n" for e, text in enumerate(entries))
-    define("margin_of", point, f"{evaluated}{margin}    return margin\n")
     if order == 3:
-        stored = [f"work[{e}, i]" for e in range(9)]
-        closed = f"    lci[i] = {of_matrix.__name__}({', '.join(stored if heavy else entries)})\n"
-        careful = f"{CAREFUL[recipe.norm].__name__}({', '.join(stored if heavy else entries)})"
-        if heavy:
-            define("careful_index", "work, i", f"    return {careful}\n", PLAIN)
-        else:
-            define("careful_index", point, f"{evaluated}    return {careful}\n", PLAIN)
-    if heavy:
-        # The kernel is worth being evaluated, and compiled, once: entries are kept for all points.
-        each_point = textwrap.indent(f"{evaluated}{margin}    margins[i] = margin\n{kept}", "    ")
-        define("evaluate_block", f"{block}, work, margins", each + each_point)
-        again = "            if lci[i] < 0.0 and margins[i] >= 0.0:\n"
+        collect(CAREFUL[norm], blocks)
+        entries = ", ".join(f"work[{e}, i]" for e in range(9))
+        careful = f"{CAREFUL[norm].__name__}({entries})"
+        _define(blocks, "careful_index", "work, i", f"    return {careful}\n", PLAIN)
+        again = "            if lci[i] < 0.0 and margin[i] >= 0.0:\n"
         again += "                lci[i] = careful_index(work, i)\n"
-        define("index_block", f"{block}, work, lci", "    raise NotImplementedError\n")
-        define("index_all", "count, work, margins, lci",
-               each + textwrap.indent(closed, "    ") + _DOUBTFUL + again)  # fmt: skip
-    elif order == 3:
-        again = "            if lci[i] < 0.0:\n"
-        again += "                lci[i] = careful_index(pose, i, constants)\n"
-        each_point = textwrap.indent(f"{evaluated}{closed}", "    ")
-        define("index_block", f"{block}, work, lci", whole + each_point + _DOUBTFUL + again)
+        closed = f"        lci[i] = {of_matrix.__name__}({entries})\n"
+        body = each + closed + _DOUBTFUL + again
     else:
-        # Larger matrices: poses are moved next to them, or 4-UPS-RPS takes a fifth more time in
-        # every other run.
-        size, axes = order**2, range(recipe.pose_size)
-        moved = "".join(f"        work[{size + d}, i] = pose[{d}, i]\n" for d in axes)
-        moved = f"{moved}    for i in range(filled):\n" if order > 4 else ""
-        at = ", ".join(f"work[{size + d}, i]" for d in axes) if order > 4 else pose
-        near = f"    result = {kernel.__name__}({at}, {own})\n"
-        define("index_block", f"{block}, work, lci",
-               f"{whole}{moved}"
-               + textwrap.indent(f"{near}{kept}", "    ")
-               + f"    {of_matrix.__name__}(work, filled, lci)\n")  # fmt: skip
-    define("place_on_line", "pose, i, low, width, constants",
-           _place(recipe, f"({pose}, low, low + width, {own})"))  # fmt: skip
-    skeleton = f"{recipe.skeleton.__name__}({pose}, {own})"
-    define("skeleton_of", point, f"    return {skeleton}\n")
-    place = ", ".join(f"found[{k}]" for k in range(PLACE))
-    placed = f"    found = {skeleton}\n    return (margin, {place})\n"
-    define("placed_of", point, evaluated + margin + placed)
-    facts = f"    return (margin, {', '.join(entries)}) + {skeleton}\n"
-    define("facts_of", point, evaluated + margin + facts)
-    numbers = (f"constants[{c}]" for c in itertools.count())
-    unpacked = records.call(recipe.constants, numbers)
-    if recipe.checks:
-        records.declare(Checks, blocks)
-        unpacked = f"({unpacked}, {records.call(Checks, numbers)})"
-    define("unpack", "constants", f"    return {unpacked}\n")
-    for entry in ENTRIES:
-        collect(getattr(sweep, entry), blocks)
-    text = "\n\n".join(blocks.values())
-    return PREFACE + text
+        filled = f"    filled = (count + {_LANES - 1}) & {-_LANES}\n"
+        body = f"{filled}    {of_matrix.__name__}(work, filled, lci)\n"
+    _define(blocks, "condition_block", "count, work, margin, lci", body)
+    collect(pieces.conditions, blocks)
+    return PREFACE + "\n\n".join(blocks.values())
+
+
+def _define(
+    blocks: dict[str, str], name: str, arguments: str, body: str, decorator: str = INLINE
+) -> None:
+    blocks[name] = f"{decorator}\ndef {name}({arguments}):\n{body}"
+
+
+class _Texts:
+    """The texts of what a mechanism brings, by recipe."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.recipe = recipe
+        self.pose = ", ".join(f"pose[{d}, i]" for d in range(recipe.pose_size))
+        self.own = "constants[0]" if recipe.checks else "constants"
+        self.call = f"{recipe.kernel.__name__}({self.pose}, {self.own})"
+        self.skeleton = f"{recipe.skeleton.__name__}({self.pose}, {self.own})"
+        self.entries = [f"result[{1 + e}]" for e in range(recipe.order**2)]
+
+    @property
+    def heavy(self) -> bool:
+        """Whether the kernel costs so much that it is evaluated once for margin and entries."""
+        if self.recipe.order != 3:
+            return False
+        blocks = self.head()
+        self.add_kernel(blocks)
+        collect(self.recipe.skeleton, blocks)
+        return sum(map(len, blocks.values())) > _SMALL
+
+    def head(self) -> dict[str, str]:
+        """Return what begins every text: the constants and how they are taken apart."""
+        recipe = self.recipe
+        blocks: dict[str, str] = {}
+        records.declare(recipe.constants, blocks)
+        blocks["ORDER"] = f"ORDER = {recipe.order}"
+        blocks["POSE"] = f"POSE = {recipe.first_pose}"
+        blocks["SKELETON"] = f"SKELETON = {recipe.scratch_rows}"
+        return blocks
+
+    def add_kernel(self, blocks: dict[str, str]) -> None:
+        """Add the kernel with its switches."""
+        blocks |= {name: f"{name} = {value}" for name, value in self.recipe.switches}
+        collect(self.recipe.kernel, blocks, dict(self.recipe.switches))
+
+    def whole(self, blocks: dict[str, str], function: Callable[..., Any]) -> str:
+        """Return the text of a piece, once its stubs are filled."""
+        recipe = self.recipe
+        numbers = (f"constants[{c}]" for c in itertools.count())
+        unpacked = records.call(recipe.constants, numbers)
+        if recipe.checks:
+            records.declare(Checks, blocks)
+            unpacked = f"({unpacked}, {records.call(Checks, numbers)})"
+        _define(blocks, "unpack", "constants", f"    return {unpacked}\n")
+        collect(function, blocks)
+        return PREFACE + "\n\n".join(blocks.values())
+
+    def with_margin(self, blocks: dict[str, str]) -> str:
+        """Add what the margin needs; return the lines that compute it."""
+        self.add_kernel(blocks)
+        lines = f"    result = {self.call}\n    margin = result[0]\n"
+        if self.recipe.checks:
+            collect(self.recipe.skeleton, blocks)
+            collect(segment_distance.segment_distance2, blocks)
+            lines += _checks(self.recipe, self.pose)
+        return lines
+
+    def margins(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.margins`."""
+        blocks = self.head()
+        lines = self.with_margin(blocks)
+        _define(blocks, "margin_of", "pose, i, constants", f"{lines}    return margin\n")
+        return self.whole(blocks, pieces.margins)
+
+    def evaluations(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.evaluations`."""
+        blocks = self.head()
+        lines = self.with_margin(blocks) + "    margins[i] = margin\n" + self.kept()
+        body = "    for i in range(count):\n" + textwrap.indent(lines, "    ")
+        _define(blocks, "evaluate_block", "pose, count, constants, work, margins", body)
+        return self.whole(blocks, pieces.evaluations)
+
+    def kept(self) -> str:
+        return "".join(f"    work[{e}, i] = {text}\n" for e, text in enumerate(self.entries))
+
+    def indices(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.indices`."""
+        recipe, order = self.recipe, self.recipe.order
+        blocks = self.head()
+        self.add_kernel(blocks)
+        axes = range(recipe.pose_size)
+        # Whole vectors: the last pose fills them, where single points would cost as much as ten.
+        body = (
+            f"    filled = (count + {_LANES - 1}) & {-_LANES}\n"
+            f"    for d in range({recipe.pose_size}):\n"
+            "        for i in range(count, filled):\n"
+            "            pose[d, i] = pose[d, count - 1]\n"
+            "    for i in range(filled):\n"
+        )
+        call = self.call
+        if order == 3:
+            closed, careful = CONDITIONING[recipe.norm], CAREFUL[recipe.norm]
+            collect(closed, blocks)
+            collect(careful, blocks)
+            entries = ", ".join(self.entries)
+            again = f"    result = {call}\n    return {careful.__name__}({entries})\n"
+            _define(blocks, "careful_index", "pose, i, constants", again, PLAIN)
+            last = f"        lci[i] = {closed.__name__}({entries})\n{_DOUBTFUL}"
+            last += "            if lci[i] < 0.0:\n"
+            last += "                lci[i] = careful_index(pose, i, constants)\n"
+        else:
+            last = textwrap.indent(self.kept(), "    ")
+        if order > 4:
+            # Poses are moved next to the matrices, or 4-UPS-RPS takes a fifth more time in every
+            # other run.
+            size = order**2
+            body += "".join(f"        work[{size + d}, i] = pose[{d}, i]\n" for d in axes)
+            body += "    for i in range(filled):\n"
+            moved = ", ".join(f"work[{size + d}, i]" for d in axes)
+            call = f"{recipe.kernel.__name__}({moved}, {self.own})"
+        body += f"        result = {call}\n{last}"
+        _define(blocks, "index_block", "pose, count, constants, work, lci", body)
+        return self.whole(blocks, pieces.indices)
+
+    def lines(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.lines`."""
+        recipe = self.recipe
+        assert recipe.line is not None
+        blocks = self.head()
+        blocks["LINE_AXIS"] = f"LINE_AXIS = {recipe.line_axis}"
+        collect(recipe.line, blocks)
+        body = _place(recipe, f"({self.pose}, low, low + width, {self.own})")
+        _define(blocks, "place_on_line", "pose, i, low, width, constants", body)
+        return self.whole(blocks, pieces.lines)
+
+    def skeletons(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.skeletons`."""
+        blocks = self.head()
+        collect(self.recipe.skeleton, blocks)
+        body = f"    found = {self.skeleton}\n"
+        body += _written("work", range(self.recipe.skeleton_size), "found")
+        _define(blocks, "skeleton_to", "pose, i, constants, work", body)
+        return self.whole(blocks, pieces.skeletons)
+
+    def placed(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.placed`."""
+        blocks = self.head()
+        body = self.with_margin(blocks)
+        collect(self.recipe.skeleton, blocks)
+        body += f"    found = {self.skeleton}\n{_written('work', range(PLACE), 'found')}"
+        _define(blocks, "place_to", "pose, i, constants, work", f"{body}    return margin\n")
+        return self.whole(blocks, pieces.placed)
+
+    def probe(self) -> str:
+        """Return the text of :func:`pmopt.kernels.pieces.probe`."""
+        blocks = self.head()
+        body = self.with_margin(blocks)
+        collect(self.recipe.skeleton, blocks)
+        body += f"    found = {self.skeleton}\n    facts[0, i] = margin\n"
+        body += "".join(f"    facts[{1 + e}, i] = {text}\n" for e, text in enumerate(self.entries))
+        first = 1 + self.recipe.order**2
+        body += _written("facts", range(self.recipe.skeleton_size), "found", first)
+        _define(blocks, "facts_to", "pose, i, constants, facts", body)
+        return self.whole(blocks, pieces.probe)
+
+
+def _written(rows: str, numbers: Sequence[int], found: str, first: int = 0) -> str:
+    """Return the lines that write the numbers of a tuple into rows."""
+    return "".join(f"    {rows}[{first + k}, i] = {found}[{k}]\n" for k in numbers)
 
 
 def _place(recipe: Recipe, arguments: str) -> str:
@@ -388,19 +521,141 @@ def _checks(recipe: Recipe, pose: str) -> str:
     return "".join(f"    {line}\n" for line in lines)
 
 
-def specialise(recipe: Recipe, on_compile: Callable[[], None] | None = None) -> Compiled:
-    """Return the compiled ``sweep``, ``field``, ``points`` and ``probe`` of a recipe.
+class Sweep:
+    """The compiled entries of a recipe: :data:`ENTRIES`.
 
-    Each is compiled once per machine and kernel text, when it is first called.
+    Each is put together, compiled or loaded at its first call.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.recipe = recipe
+        texts = _Texts(recipe)
+        own = {
+            "skeletons": texts.skeletons, "placed": texts.placed, "probe": texts.probe,
+            "indices": texts.indices, "lines": texts.lines,
+            "margins": texts.evaluations if texts.heavy else texts.margins,
+        }  # fmt: skip
+        self._own = own
+        self._heavy = texts.heavy
+        self._on_compile: Callable[[], None] | None = None
+
+    @property
+    def on_compile(self) -> Callable[[], None] | None:
+        """Called before a compilation."""
+        return self._on_compile
+
+    @on_compile.setter
+    def on_compile(self, call: Callable[[], None] | None) -> None:
+        self._on_compile = call
+        for name in ENTRIES:
+            for compiled, _ in self.parts(name):
+                compiled.on_compile = call
+
+    def _made_of(self, name: str) -> tuple[str, ...]:
+        """Return the pieces that an entry takes, in order; "" for one that there is none of."""
+        indices = "" if self._heavy else "indices"
+        conditions = "conditions" if self._heavy or self.recipe.order != 3 else ""
+        lines = "lines" if self.recipe.line is not None else ""
+        return {
+            "sweep": ("fill", "margins", indices, conditions, lines),
+            "field": ("margins", indices, conditions),
+            "points": ("fill",),
+            "probe": (),
+            "outline": ("fill", "margins", "skeletons"),
+            "locate": ("placed",),
+        }[name]
+
+    def _part(self, name: str) -> tuple[Compiled, str]:
+        """Return the text of a piece and its entry."""
+        recipe = self.recipe
+        if name in _COMMON:
+            return _shared(("common", name), lambda: common_text(name), name, _COMMON[name])
+        if name == "conditions":
+            key = ("conditions", recipe.order, recipe.norm)
+            text = functools.partial(conditions_text, recipe.order, recipe.norm)
+            return _shared(key, text, name, _CONDITIONS)
+        rows = recipe.scratch_rows + (recipe.skeleton_size if name == "skeletons" else 0)
+        block = f"float64[{rows},{sweep.PITCH}]"
+        given = {"lines": _LINES, "probe": (_TABLE, "float64[:]", _TABLE)}.get(name, _POINTWISE)
+        given = tuple(block if a == _BLOCK else a for a in given)
+        entry = "evaluations" if name == "margins" and self._heavy else name
+        return _shared((recipe, name), self._own[name], entry, given)
+
+    def parts(self, name: str) -> list[tuple[Compiled, str]]:
+        """Return the texts, and their entries, that an entry is put together of."""
+        return [self._part(part) for part in (name, *self._made_of(name)) if part]
+
+    def is_compiled(self, name: str) -> bool:
+        """Return whether the machine code of all that an entry is made of is kept."""
+        return all(compiled.is_compiled(entry) for compiled, entry in self.parts(name))
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        """Return an entry as a function of numbers and arrays."""
+        if name not in ENTRIES:
+            raise AttributeError(name)
+        compiled, entry = self._part(name)
+        function: Callable[..., None] = getattr(compiled, entry)
+        addresses = []
+        for piece in self._made_of(name):
+            if piece:
+                part, part_entry = self._part(piece)
+                addresses.append(part.address(part_entry))
+            else:
+                addresses.append(0)
+        rows, ends = self.recipe.scratch_rows, 2 * len(self.recipe.segments)
+
+        at = _COMMON.get(name, ()).index(_BLOCK) if name in _COMMON else -1
+
+        def call(*arguments: Any) -> None:
+            if len(arguments[at]) != rows:  # pieces take the length for granted
+                raise TypeError(f"{name}: a C-contiguous float64[{rows},{sweep.PITCH}] is needed")
+            function(*arguments, *addresses)
+
+        def with_room(*arguments: Any) -> None:
+            # Skeletons take a larger block.
+            block = np.empty((rows + self.recipe.skeleton_size, sweep.PITCH))
+            chosen = np.empty(sweep.BLOCK, dtype=np.int64)
+            function(*arguments[:-1], block, rows, chosen, ends, *addresses)
+
+        made = with_room if name == "outline" else call if addresses else function
+        setattr(self, name, made)
+        return made
+
+
+def _shared(
+    key: Any, text: Callable[[], str], entry: str, arguments: tuple[str, ...]
+) -> tuple[Compiled, str]:
+    """Return a text that several recipes may have, and its entry."""
+    if key not in _loaded:
+        made = text()
+        _loaded[key] = _loaded.setdefault((made, entry), Compiled(made, [Entry(entry, arguments)]))
+    return _loaded[key], entry
+
+
+def module_text(recipe: Recipe) -> str:
+    """Return all that is compiled of a recipe, one text after the other."""
+    made = Sweep(recipe)
+    texts = {c.text for name in ENTRIES for c, _ in made.parts(name)}
+    return "\n\n".join(sorted(texts))
+
+
+def specialise(recipe: Recipe, on_compile: Callable[[], None] | None = None) -> Sweep:
+    """Return the compiled sweep of a recipe.
+
+    Each piece is compiled once per machine and kernel text, when it is first called.
 
     Parameters
     ----------
     recipe : Recipe
     on_compile : callable, optional
-        Called before a compilation, which takes seconds.
+        Called before a compilation, which takes a second.
     """
     if recipe not in _loaded:
-        _loaded[recipe] = Compiled(module_text(recipe), recipe.entries)
-    found = _loaded[recipe]
+        _loaded[recipe] = Sweep(recipe)
+    found: Sweep = _loaded[recipe]
     found.on_compile = on_compile
     return found

@@ -1,9 +1,13 @@
-"""The compiled sweep over sample points: the text that is specialised to a mechanism.
+"""The sweep over sample points, of any mechanism: points, sums and what is drawn.
 
-The functions below are plain Python. :mod:`pmopt.compiler.program_text` copies their source,
-with a mechanism's kernel and a conditioning function in place of the stubs, into one
-self-contained module that is compiled. They hold no lock, allocate nothing (block buffers are
+The functions below are plain Python. :mod:`pmopt.compiler.program_text` copies their source into
+texts that are compiled once for all mechanisms. What a mechanism brings is compiled by itself, see
+:mod:`pmopt.kernels.pieces`, and called a block of points at a time, by its address; an address of 0
+stands for a piece that is not there. Functions hold no lock, allocate nothing (block buffers are
 arguments) and never raise: the caller checks its arguments.
+
+A block is rows of PITCH numbers: margins, indices, weights, then room for a piece's own and, last,
+the poses, a row a coordinate.
 
 Reductions: points are taken in blocks of fixed length in order of their index, so that the sums
 of a call depend on its arguments alone. Sums of several calls are added by the caller in order.
@@ -14,6 +18,11 @@ import numpy as np
 BLOCK = 512
 #: Distance of the rows of a block: rows 4096 bytes apart would share their places in the cache.
 PITCH = BLOCK + 72
+
+#: Rows of a block; what is a piece's own begins at WORK.
+MARGIN, LCI, WEIGHT, WORK = range(4)
+#: Where in a skeleton the ends of segments begin.
+PLACE = 12
 
 #: Bits of infinity.
 INFINITE = 0x7FF0000000000000
@@ -44,74 +53,6 @@ LAST_BIN = BINS - 1
 
 TWO_POW_M52 = 1.0 / 4503599627370496.0
 TWO_POW_M64 = 1.0 / 18446744073709551616.0
-
-
-def margin_of(pose, i, constants):
-    """Stub: the margin of pose ``i`` of a block, from the mechanism's kernel."""
-    raise NotImplementedError
-
-
-def index_block(pose, count, constants, work, lci):
-    """Stub: write the local conditioning indices of ``count`` poses of a block.
-
-    Poses and indices are rows of PITCH: up to a whole vector more of each is written.
-    ``work`` is scratch space, a row for each entry of the Jacobian.
-    """
-    raise NotImplementedError
-
-
-def evaluate_block(pose, count, constants, work, margins):
-    """Stub, for heavy kernels: write margins and, into ``work``, entries of a block's poses."""
-    raise NotImplementedError
-
-
-def index_all(count, work, margins, lci):
-    """Stub: write the indices of entries in ``work``; doubtful ones, < 0, only out of reach."""
-    raise NotImplementedError
-
-
-def place_on_line(pose, i, low, width, constants):
-    """Stub: move pose ``i`` into the reachable part of its line, from the mechanism's ``line``.
-
-    Returns the coordinate and the part's share of the line, 0 where nothing of it is reachable.
-    """
-    raise NotImplementedError
-
-
-def facts_of(pose, i, constants):
-    """Stub: what ``probe`` writes of pose ``i`` of a block, as a tuple."""
-    raise NotImplementedError
-
-
-#: Stub: coordinates of a pose.
-AXES = 0
-#: Stub: whether points are placed on the reachable parts of lines, and along which coordinate.
-LINES = 0
-LINE_AXIS = 0
-#: Stub: whether the kernel costs so much that it is evaluated once for margin and entries.
-HEAVY = 0
-#: Stub: length of the tuple of ``facts_of``.
-FACTS = 0
-
-
-def skeleton_of(pose, i, constants):
-    """Stub: the skeleton of pose ``i`` of a block, as a tuple."""
-    raise NotImplementedError
-
-
-def placed_of(pose, i, constants):
-    """Stub: margin, position and rotation of the platform at pose ``i`` of a block, as a tuple."""
-    raise NotImplementedError
-
-
-#: Stub: where the ends of segments begin in it, and how many there are.
-PLACE = 0
-ENDS = 0
-
-
-def unpack(constants):
-    """Stub: a row of constants as a tuple, so that the compiler keeps them in registers."""
-    raise NotImplementedError
 
 
 def mix(x):
@@ -179,12 +120,12 @@ def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
                 row[i] = lo + w * (u - np.floor(u))
     elif kind == 1:  # scrambled Sobol'
         for d in range(dimension):
-            base = np.uint64(0)
+            common = np.uint64(0)
             bits = np.uint64(first)
             j = 0
             while bits != np.uint64(0):
                 if bits & np.uint64(1):
-                    base ^= high[d, j]
+                    common ^= high[d, j]
                 bits >>= np.uint64(1)
                 j += 1
             row = pose[d]
@@ -192,42 +133,43 @@ def fill(kind, step, start, high, low, cells, first, count, lower, width, pose):
             lo = lower[d]
             w = width[d]
             for i in range(count):
-                row[i] = lo + w * (np.int64(base ^ table[i]) + 0.5) * TWO_POW_M52
+                row[i] = lo + w * (np.int64(common ^ table[i]) + 0.5) * TWO_POW_M52
     elif kind == 2:  # Monte Carlo
         key = start[0]
         golden = np.uint64(0x9E3779B97F4A7C15)
         for d in range(dimension):
-            base = np.uint64(first) * np.uint64(dimension) + np.uint64(d)
-            stride = np.uint64(dimension)
+            counter = np.uint64(first) * np.uint64(dimension) + np.uint64(d)
+            apart = np.uint64(dimension)
             row = pose[d]
             lo = lower[d]
             w = width[d]
             for i in range(count):
-                bits = mix(key + (base + stride * np.uint64(i)) * golden)
-                row[i] = lo + w * (np.int64(bits >> np.uint64(12)) + 0.5) * TWO_POW_M52
+                mixed = mix(key + (counter + apart * np.uint64(i)) * golden)
+                row[i] = lo + w * (np.int64(mixed >> np.uint64(12)) + 0.5) * TWO_POW_M52
     else:  # midpoint grid, last coordinate fastest
-        stride = 1
+        period = 1
         for back in range(dimension):
             d = dimension - 1 - back
             row = pose[d]
             lo = lower[d]
             w = width[d] / cells
-            cell = (first // stride) % cells
-            within = first % stride
+            cell = (first // period) % cells
+            within = first % period
             for i in range(count):
                 row[i] = lo + w * (cell + 0.5)
                 within += 1
-                if within == stride:
+                if within == period:
                     within = 0
                     cell += 1
                     if cell == cells:
                         cell = 0
-            stride *= cells
+            period *= cells
 
 
 def sweep(
     kind, step, start, high, low, cells, first, last, constants, lower, width, min_lci, edges,
     statistics, region_counts, histogram, scratch, chosen,
+    fill, margins, indices, conditions, lines,
 ):  # fmt: skip
     """Sum over the points ``first .. last - 1`` of every replicate, for every design.
 
@@ -257,18 +199,21 @@ def sweep(
         Overwritten; see ``Recipe.scratch_rows``.
     chosen : (BLOCK,) int64
         Overwritten.
+    fill, margins, indices, conditions, lines
+        Pieces. Without ``indices`` the margins leave the Jacobians, too, and conditions are taken
+        of all points; without ``conditions`` it is ``indices`` that writes them.
     """
     bins = histogram.shape[2]
+    axes = lower.shape[1]
     # At known places, so that the compiler sees that nothing overlaps.
-    pose = scratch[:AXES]
-    margin = scratch[AXES]
-    lci = scratch[AXES + 1]
-    weight = scratch[AXES + 2]
-    work = scratch[AXES + 3 :]
+    pose = scratch[scratch.shape[0] - axes :]
+    margin = scratch[MARGIN]
+    lci = scratch[LCI]
+    weight = scratch[WEIGHT]
     # Indices are not negative: in that order lie their bits too, whose extremes vectors can take.
     bits = lci.view(np.int64)
     for design in range(constants.shape[0]):
-        k = unpack(constants[design])
+        k = constants[design]
         for replicate in range(start.shape[0]):
             hits = 0
             reachable = 0.0
@@ -287,49 +232,49 @@ def sweep(
                     kind, step, start[replicate], high[replicate], low[replicate], cells,
                     block, count, lower[design], width[design], pose,
                 )  # fmt: skip
-                if LINES:
-                    for i in range(count):
-                        place, share = place_on_line(
-                            pose, i, lower[design, LINE_AXIS], width[design, LINE_AXIS], k
-                        )
-                        pose[LINE_AXIS, i] = place
-                        weight[i] = share
-                if HEAVY:
-                    evaluate_block(pose, count, k, work, margin)
-                    index_all(count, work, margin, lci)
-                else:
-                    for i in range(count):
-                        margin[i] = margin_of(pose, i, k)
+                if lines:
+                    lines(scratch, count, lower[design], width[design], k)
+                margins(scratch, count, k)
+                if not indices:
+                    conditions(scratch, count)
                 kept = 0
-                for i in range(count):
-                    chosen[kept] = i
-                    if LINES:
+                if lines:
+                    for i in range(count):
+                        chosen[kept] = i
                         if margin[i] >= 0.0 and weight[i] > 0.0:
                             kept += 1
-                    elif margin[i] >= 0.0:
-                        kept += 1
+                else:
+                    for i in range(count):
+                        chosen[kept] = i
+                        if margin[i] >= 0.0:
+                            kept += 1
                 if kept == 0:
                     for i in range(count):
                         if margin[i] > best:
                             best = margin[i]
                     continue
                 # Gathered by place: a move of each row at each point would not be vectorised.
-                if LINES:
+                if lines:
                     gather(weight, chosen, kept, margin)
-                if HEAVY:
-                    gather(lci, chosen, kept, margin)
-                else:
-                    for d in range(AXES):
+                if indices:
+                    for d in range(axes):
                         gather(pose[d], chosen, kept, margin)
-                    index_block(pose, kept, k, work, lci)
-                within += sum_of(weight, kept) if LINES else kept
+                    indices(scratch, kept, k)
+                    if conditions:
+                        conditions(scratch, kept)
+                else:
+                    gather(lci, chosen, kept, margin)
+                if lines:
+                    within += sum_of(weight, kept)
+                else:
+                    within += kept
                 for i in range(kept):
                     largest = max(largest, bits[i])
                 if min_lci > 0.0:
                     above = 0
                     for i in range(kept):
                         lci[above] = lci[i]
-                        if LINES:
+                        if lines:
                             weight[above] = weight[i]
                         if lci[i] >= min_lci:
                             above += 1
@@ -337,7 +282,7 @@ def sweep(
                 hits += kept
                 for i in range(kept):
                     smallest = min(smallest, bits[i])
-                if LINES:
+                if lines:
                     reachable += sum_of(weight, kept)
                     for i in range(kept):
                         margin[i] = weight[i] * lci[i]
@@ -375,82 +320,77 @@ def sweep(
             row[HITS] = hits
 
 
-def field(poses, constants, margin, lci, scratch):
+def take(poses, first, count, pose):
+    """Copy poses into a block."""
+    for d in range(poses.shape[0]):
+        for i in range(count):
+            pose[d, i] = poses[d, first + i]
+
+
+def field(poses, constants, margin, lci, scratch, margins, indices, conditions):
     """Evaluate given poses: ``poses`` (d, N), results ``margin`` (N,) and ``lci`` (N,).
 
     The index is evaluated outside the limits too, where it continues the inside (0 out of reach).
     """
-    k = unpack(constants)
-    pose = scratch[:AXES]
-    margins = scratch[AXES]
-    indices = scratch[AXES + 1]
-    within = scratch[AXES + 2]
-    work = scratch[AXES + 3 :]
-    # Every index is wanted: with margins of 0 none is left in doubt.
-    within[:] = 0.0
+    pose = scratch[scratch.shape[0] - poses.shape[0] :]
+    found = scratch[MARGIN]
+    index = scratch[LCI]
     for first in range(0, poses.shape[1], BLOCK):
         count = min(BLOCK, poses.shape[1] - first)
-        for d in range(AXES):
-            for i in range(count):
-                pose[d, i] = poses[d, first + i]
-        if HEAVY:
-            evaluate_block(pose, count, k, work, margins)
-            index_all(count, work, within, indices)
-        else:
-            for i in range(count):
-                margins[i] = margin_of(pose, i, k)
-            index_block(pose, count, k, work, indices)
+        take(poses, first, count, pose)
+        margins(scratch, count, constants)
         for i in range(count):
-            margin[first + i] = margins[i]
-            lci[first + i] = indices[i]
+            margin[first + i] = found[i]
+        # Every index is wanted: with margins of 0 none is left in doubt.
+        for i in range(count):
+            found[i] = 0.0
+        if indices:
+            indices(scratch, count, constants)
+        if conditions:
+            conditions(scratch, count)
+        for i in range(count):
+            lci[first + i] = index[i]
 
 
-def locate(poses, constants, tool, margin, places, scratch):
+def locate(poses, constants, tool, margin, places, scratch, placed):
     """Evaluate margins and places of given poses (d, N): ``margin`` (N,) and ``places`` (3, N).
 
     ``tool`` is the point of the platform that is told, in its frame.
     """
-    k = unpack(constants)
-    pose = scratch[:AXES]
-    slack = scratch[AXES]
-    x = scratch[AXES + 1]
-    y = scratch[AXES + 2]
-    z = scratch[AXES + 3]
+    pose = scratch[scratch.shape[0] - poses.shape[0] :]
+    slack = scratch[MARGIN]
+    work = scratch[WORK:]
     t1 = tool[0]
     t2 = tool[1]
     t3 = tool[2]
     for first in range(0, poses.shape[1], BLOCK):
         count = min(BLOCK, poses.shape[1] - first)
-        for d in range(AXES):
-            for i in range(count):
-                pose[d, i] = poses[d, first + i]
-        for i in range(count):
-            found = placed_of(pose, i, k)
-            slack[i] = found[0]
-            x[i] = found[1] + (found[4] * t1 + found[5] * t2 + found[6] * t3)
-            y[i] = found[2] + (found[7] * t1 + found[8] * t2 + found[9] * t3)
-            z[i] = found[3] + (found[10] * t1 + found[11] * t2 + found[12] * t3)
+        take(poses, first, count, pose)
+        placed(scratch, count, constants)
         for i in range(count):
             margin[first + i] = slack[i]
-            places[0, first + i] = x[i]
-            places[1, first + i] = y[i]
-            places[2, first + i] = z[i]
+        for k in range(3):
+            for i in range(count):
+                places[k, first + i] = work[k, i] + (
+                    work[3 + 3 * k, i] * t1 + work[4 + 3 * k, i] * t2 + work[5 + 3 * k, i] * t3
+                )
 
 
-def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch):
+def points(kind, step, start, high, low, cells, first, last, lower, width, poses, scratch, fill):
     """Write the points ``first .. last - 1`` of the first replicate into ``poses`` (d, N)."""
-    pose = scratch[:AXES]
+    pose = scratch[scratch.shape[0] - poses.shape[0] :]
     for block in range(first, last, BLOCK):
         count = min(BLOCK, last - block)
         fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
-        for d in range(AXES):
+        for d in range(poses.shape[0]):
             for i in range(count):
                 poses[d, block - first + i] = pose[d, i]
 
 
 def outline(
     kind, step, start, high, low, cells, first, last, constants, lower, width,
-    axis_u, axis_v, edge, size, lowest, highest, scratch,
+    axis_u, axis_v, edge, size, lowest, highest, scratch, rows, chosen, ends,
+    fill, margins, skeletons,
 ):  # fmt: skip
     """Keep the ends of segments of reachable poses that bound their shadow on a plane.
 
@@ -466,27 +406,29 @@ def outline(
         Where the strips begin and how wide each is.
     lowest, highest : (B + 1, 2) float64
         The points (u, v) kept; unused ones hold infinities, as they are given.
+    rows, ends : int
+        The rows of a block, behind which skeletons are written, and how many ends segments have.
     """
-    k = unpack(constants)
-    pose = scratch[:AXES]
-    margin = scratch[AXES]
-    work = scratch[AXES + 3 :]
+    pose = scratch[rows - lower.shape[0] : rows]
+    margin = scratch[MARGIN]
+    work = scratch[rows:]
     strips = lowest.shape[0] - 1
     for block in range(first, last, BLOCK):
         count = min(BLOCK, last - block)
         fill(kind, step, start[0], high[0], low[0], cells, block, count, lower, width, pose)
-        if HEAVY:
-            evaluate_block(pose, count, k, work, margin)
-        else:
-            for i in range(count):
-                margin[i] = margin_of(pose, i, k)
+        margins(scratch, count, constants)
+        kept = 0
         for i in range(count):
-            if margin[i] < 0.0:
-                continue
-            found = skeleton_of(pose, i, k)
-            for e in range(ENDS):
-                u = found[PLACE + 3 * e + axis_u]
-                v = found[PLACE + 3 * e + axis_v]
+            chosen[kept] = i
+            if margin[i] >= 0.0:
+                kept += 1
+        for d in range(lower.shape[0]):
+            gather(pose[d], chosen, kept, margin)
+        skeletons(scratch, kept, constants)
+        for i in range(kept):
+            for e in range(ends):
+                u = work[PLACE + 3 * e + axis_u, i]
+                v = work[PLACE + 3 * e + axis_v, i]
                 strip = int(min(max((u - edge) / size, 0.0), strips - 1.0))
                 if v < lowest[strip, 1]:
                     lowest[strip, 0] = u
@@ -500,15 +442,3 @@ def outline(
                 if u > highest[strips, 0]:
                     highest[strips, 0] = u
                     highest[strips, 1] = v
-
-
-def probe(poses, constants, facts):
-    """Write what the kernel and the skeleton tell of given poses, ``facts`` (FACTS, N).
-
-    Rows: margin, entries of the inverse Jacobian, skeleton.
-    """
-    k = unpack(constants)
-    for i in range(poses.shape[1]):
-        found = facts_of(poses, i, k)
-        for f in range(FACTS):
-            facts[f, i] = found[f]

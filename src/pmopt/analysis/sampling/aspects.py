@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pmopt.analysis.sampling.design_space import Design
 from pmopt.analysis.sampling.evaluator import Evaluator
 from pmopt.analysis.sampling.tallies import Tallies
-from pmopt.compiler.machine_code import Compiled
+from pmopt.compiler.machine_code import Program
 from pmopt.compiler.program_text import ENTRIES
 from pmopt.mechanisms.mechanism import Vector
 from pmopt.numerics import sequences
@@ -191,7 +191,7 @@ class FieldEvaluator(Evaluator):
         return home
 
     @property
-    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def sampling_kernels(self) -> dict[Program, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling calls."""
         return {self.program: ENTRIES[1:]}
 

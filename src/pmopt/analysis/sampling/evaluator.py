@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.sampling.design_space import Design, DesignSpace
 from pmopt.analysis.sampling.tallies import CHUNK, Tallies
-from pmopt.compiler.machine_code import Compiled
-from pmopt.compiler.program_text import ENTRIES, PLACE, Recipe, specialise
+from pmopt.compiler.machine_code import Program
+from pmopt.compiler.program_text import ENTRIES, PLACE, Recipe, Sweep, specialise
 from pmopt.execution.threads import default_threads, ordered_map
 from pmopt.kernels import sweep
 from pmopt.mechanisms.mechanism import Mechanism, Vector
@@ -60,7 +60,7 @@ class Evaluator:
     space : DesignSpace
     threads : int
         Those of :meth:`field` and :meth:`probe`; results do not depend on it.
-    program, sweeping : Compiled
+    program, sweeping : Sweep
         The kernel's entries, and what has its sweep: on lines a program of its own.
     recipe : Recipe
         What ``program`` is specialised to.
@@ -68,8 +68,8 @@ class Evaluator:
 
     space: DesignSpace
     threads: int
-    program: Compiled
-    sweeping: Compiled
+    program: Sweep
+    sweeping: Sweep
     recipe: Recipe
 
     #: How many times more a pose costs than in the compiled sweep, roughly.
@@ -130,19 +130,19 @@ class Evaluator:
         return np.array(self.space.settings.regions[1:-1], dtype=float)
 
     @property
-    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def kernels(self) -> dict[Program, tuple[str, ...]]:
         """The compiled texts and the entries that may be called."""
-        found: dict[Compiled, tuple[str, ...]] = {self.sweeping: ("sweep",)}
+        found: dict[Program, tuple[str, ...]] = {self.sweeping: ("sweep",)}
         found[self.program] = (*found.get(self.program, ()), *ENTRIES[1:])
         return found
 
     @property
-    def sampling_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def sampling_kernels(self) -> dict[Program, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling calls."""
         return {self.sweeping: ("sweep",)}
 
     @property
-    def measuring_kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def measuring_kernels(self) -> dict[Program, tuple[str, ...]]:
         """Of :attr:`kernels`, what sampling and the search for extremes call."""
         found = self.sampling_kernels
         called = dict.fromkeys((*found.get(self.program, ()), *_SEARCHING))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from pmopt.analysis.sampling.evaluator import Evaluator
 from pmopt.compiler import programs
-from pmopt.compiler.machine_code import compile_ahead
+from pmopt.compiler.machine_code import Program, compile_ahead
 
 if TYPE_CHECKING:  # a workspace does without
     from pmopt.analysis.kinematics.forward import Assembling
@@ -44,10 +44,12 @@ def warm_up(
         By mechanism, the number of kernels that had to be compiled.
     """
     shared = (programs.counting(), programs.searching()) if shapes else ()
-    wanted = [(compiled, entry.name) for compiled in shared for entry in compiled.entries]
+    wanted: list[tuple[Program, str]] = [
+        (compiled, entry.name) for compiled in shared for entry in compiled.entries
+    ]
     missing: dict[str, int] = {}
     for user in users:
-        called = user.kernels
+        called: Mapping[Program, tuple[str, ...]] = user.kernels  # type: ignore[assignment]
         if isinstance(user, Evaluator) and not shapes:
             called = user.measuring_kernels if extremes else user.sampling_kernels
         new = [

@@ -45,7 +45,7 @@ PREFACE = "import math\n\nimport numpy as np\nfrom numba import njit\n\n\n"
 # Functions are inlined by LLVM: by numba it takes twice as long and more, and gains nothing.
 _OPTIONS = 'error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True'
 INLINE = f"@njit(forceinline=True, {_OPTIONS})"
-#: Length of kernel and skeleton, in characters, beyond which a kernel of order 3 is heavy.
+#: Length of a kernel, in characters, beyond which a kernel of order 3 is heavy.
 _SMALL = 5000
 #: Numbers in the longest vector.
 _LANES = 8
@@ -309,7 +309,6 @@ class _Texts:
             return False
         blocks = self.head()
         self.add_kernel(blocks)
-        collect(self.recipe.skeleton, blocks)
         return sum(map(len, blocks.values())) > _SMALL
 
     def head(self) -> dict[str, str]:

@@ -406,7 +406,7 @@ def test_a_folder_that_is_not_this_users_own_is_not_used(cache, own, tmp_path, m
 @pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o644)])
 def test_files_of_the_cache_are_nobody_elses_to_write(tmp_path, monkeypatch, umask, mode):
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(machine_code, "_object_code_of", lambda text: b"code")
+    monkeypatch.setattr(machine_code, "_object_code_of", lambda text, vectors: b"code")
     monkeypatch.setattr(machine_code, "_load", lambda code: 1)
     before = os.umask(umask)
     machine_code._umask.cache_clear()

@@ -55,6 +55,8 @@ _UNUSED = (
 #: Each is bound to a function without effect.
 _IDLE = ("NRT_incref", "NRT_decref")
 _SYMBOL = "pmopt_entry"
+#: Begins a text without long loops: vectors would cost time, and more of it to be made.
+SCALAR = "# Without vectors.\n"
 #: Bytes of the hash that precedes object code in a file: LLVM ends the process on half a file.
 _DIGEST = 32
 #: Largest file of machine code that is read, in bytes.
@@ -78,6 +80,8 @@ _SOURCES = (
     Path(__file__), Path(whole_program.__file__),
     *sorted(Path(lowering.__file__).parent.glob("*.py")),
 )  # fmt: skip
+#: As many kernels take another process longer than it takes to begin.
+_WORTH_A_PROCESS = 4
 _lock = threading.Lock()
 _engines: list[Any] = []  # what keeps loaded machine code alive
 _compiling = [0.0]  # s, spent on it by this process
@@ -91,11 +95,11 @@ def seconds_compiling() -> float:
 @contextlib.contextmanager
 def _counted() -> Iterator[None]:
     """Count what is done as compilation."""
-    began = time.monotonic()
+    began, before = time.monotonic(), _compiling[0]
     try:
         yield
     finally:
-        _compiling[0] += time.monotonic() - began
+        _compiling[0] = before + time.monotonic() - began  # what is counted within, once
 
 
 class Entry(NamedTuple):
@@ -374,7 +378,7 @@ class Compiled:
             text = lowering.lowered(self.text, entry.name, entry.arguments, _SYMBOL)
         except lowering.Unsupported:
             return self._compile_by_numba(entry)
-        return _object_code_of(text)
+        return _object_code_of(text, vectors=not self.text.startswith(SCALAR))
 
     def _compile_by_numba(self, entry: Entry) -> bytes:
         """Return an entry's object code, of a text with more of Python than kernels need."""
@@ -414,15 +418,15 @@ def compile_ahead(
     workers: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Compile what is missing of the entries wanted, in processes of their own.
+    """Compile what is missing of the entries wanted, in this process and in others.
 
-    Whatever a process cannot do is done later, by the call that needs it.
+    Whatever another process cannot do is done later, by the call that needs it.
 
     Parameters
     ----------
     wanted : sequence of (Compiled, entry name)
     workers : int
-        Processes at most.
+        Processes at most, this one included.
     progress : callable, optional
         Receives how many are compiled and how many were missing, at first and after each.
     """
@@ -434,19 +438,27 @@ def compile_ahead(
         if compiled.on_compile is not None:
             compiled.on_compile()
             compiled.on_compile = None
-    # The longest texts first; each process takes the next one when it has done one.
+    # The longest texts first; each process, this one too, takes the next one when it has done one.
     missing.sort(key=lambda item: -len(item[0].text))
-    lines = iter([json.dumps([c.text, c.entries, name]) + "\n" for c, name in missing])
+    left = iter(missing)
+    taking = threading.Lock()
     command = [sys.executable, "-c", f"from {__name__} import _serve; _serve()"]
     processes: list[subprocess.Popen[str]] = []
     done: queue.SimpleQueue[bool] = queue.SimpleQueue()  # True for a kernel, False for a thread
+    report = progress or (lambda count, planned: None)  # by this thread: it may print
+
+    def following() -> tuple[Compiled, str] | None:
+        with taking:
+            return next(left, None)
 
     def feed(process: subprocess.Popen[str]) -> None:
         assert process.stdin is not None and process.stdout is not None
         try:
             with contextlib.suppress(OSError):
-                for line in lines:
-                    process.stdin.write(line)
+                while (item := following()) is not None:
+                    compiled, name = item
+                    asked = json.dumps([compiled.text, compiled.entries, name])
+                    process.stdin.write(asked + "\n")
                     process.stdin.flush()
                     if not process.stdout.readline():
                         break
@@ -457,7 +469,7 @@ def compile_ahead(
 
     try:
         with _counted():
-            for _ in range(min(workers, len(missing))):
+            for _ in range(min(workers - 1, len(missing) // _WORTH_A_PROCESS)):
                 process = subprocess.Popen(
                     command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
@@ -466,15 +478,22 @@ def compile_ahead(
             threads = [threading.Thread(target=feed, args=(p,), daemon=True) for p in processes]
             for thread in threads:
                 thread.start()
-            report = progress or (lambda count, planned: None)  # by this thread: it may print
-            report(0, len(missing))
             count, working = 0, len(threads)
-            while working:
-                if done.get():
-                    count += 1
-                    report(count, len(missing))
-                else:
-                    working -= 1
+            report(count, len(missing))
+            while True:
+                item = following()
+                if item is not None:
+                    with contextlib.suppress(Exception):  # the call that needs it will say it
+                        item[0].address(item[1])
+                    done.put(True)
+                elif not working and done.empty():
+                    break
+                while not done.empty() or (item is None and working):
+                    if done.get():
+                        count += 1
+                        report(count, len(missing))
+                    else:
+                        working -= 1
     finally:
         for process in processes:
             process.kill()
@@ -509,7 +528,7 @@ def _serve() -> None:
         print(name, flush=True)
 
 
-def _object_code_of(text: str) -> bytes:
+def _object_code_of(text: str, vectors: bool) -> bytes:
     """Optimise LLVM's text of a module and return its object code."""
     import llvmlite.binding as llvm
 
@@ -518,8 +537,8 @@ def _object_code_of(text: str) -> bytes:
     module = llvm.parse_assembly(text)
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.loop_vectorization = True
+    options = llvm.create_pipeline_tuning_options(speed_level=3 if vectors else 2)
+    options.loop_vectorization = vectors
     options.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)

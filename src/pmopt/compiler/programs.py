@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from pmopt.compiler import records
-from pmopt.compiler.machine_code import Compiled, Entry
+from pmopt.compiler.lowering import AND, PIECE
+from pmopt.compiler.machine_code import SCALAR, Compiled, Entry
 from pmopt.compiler.program_text import INLINE, PLAIN, PREFACE, collect
 from pmopt.kernels import (
     affine_forms,
@@ -43,7 +44,7 @@ def counting() -> Compiled:
     )  # fmt: skip
     functions = (cells.lattice, cells.label_runs, cells.chain)
     text = "".join(f"@njit\n{inspect.getsource(f)}\n\n" for f in functions)
-    return Compiled(f"import numpy as np\nfrom numba import njit\n\n\n{text}", entries)
+    return Compiled(f"{SCALAR}import numpy as np\nfrom numba import njit\n\n\n{text}", entries)
 
 
 # --- searches along fibres ----------------------------------------------------------------
@@ -68,7 +69,7 @@ def searching() -> Compiled:
     )  # fmt: skip
     text = "".join(f"{INLINE}\n{inspect.getsource(f)}\n\n" for f in functions)
     head = "import math\n\nfrom numba import njit\n\n" + "".join(f"{n}\n" for n in numbers)
-    return Compiled(f"{head}\n\n{text}", (entry,))
+    return Compiled(f"{SCALAR}{head}\n\n{text}", (entry,))
 
 
 # --- forward and inverse kinematics -------------------------------------------------------
@@ -102,7 +103,7 @@ def assembling(assembler: Assembler) -> Compiled:
     collect(assembler.assemble, blocks, (), PLAIN)
     blocks["assemble_one"] = f"assemble_one = {assembler.assemble.__name__}"
     collect(assembly.assemble_all, blocks, ("assemble_one",), PLAIN)
-    return Compiled(PREFACE + "\n\n".join(blocks.values()), (entry,))
+    return Compiled(SCALAR + PREFACE + "\n\n".join(blocks.values()), (entry,))
 
 
 # --- motions ------------------------------------------------------------------------------
@@ -117,8 +118,13 @@ class Moving(NamedTuple):
     stance_size: int
 
 
+#: What the posture of a mechanism takes.
+_POSTURE = ("float64[:,:]", "int64", "float64[:]", "float64[:]")
+
+
 @functools.cache
-def _moving(recipe: Moving) -> Compiled:
+def _posture(recipe: Moving) -> Compiled:
+    """Return what writes the posture of a mechanism."""
     blocks: dict[str, str] = {}
     collect(recipe.posture, blocks, (), PLAIN)
     pose = ", ".join(f"poses[t, {k}]" for k in range(recipe.pose_size))
@@ -128,6 +134,14 @@ def _moving(recipe: Moving) -> Compiled:
     lines += [f"out[{k}] = s[{k}]" for k in range(recipe.stance_size)]
     body = "".join(f"    {line}\n" for line in lines)
     blocks["posture_to"] = f"{PLAIN}\ndef posture_to(poses, t, constants, out):\n{body}"
+    text = SCALAR + PREFACE + "\n\n".join(blocks.values())
+    return Compiled(text, (Entry("posture_to", _POSTURE),))
+
+
+@functools.cache
+def _move() -> Compiled:
+    """Return :func:`pmopt.kernels.inverse_dynamics.move` as an entry of arrays and numbers."""
+    blocks: dict[str, str] = {}
     collect(inverse_dynamics.move, blocks, (), PLAIN)
     made: list[str] = []
     names: list[str] = []
@@ -137,18 +151,45 @@ def _moving(recipe: Moving) -> Compiled:
         names += record._fields
         types += [kind.__metadata__[0] for kind in record.__annotations__.values()]
         made.append(records.call(record, record._fields))
-    # An entry takes arrays and numbers.
-    body = f"    move({', '.join(made)})\n"
-    blocks["move_all"] = f"{PLAIN}\ndef move_all({', '.join(names)}):\n{body}"
-    entry = Entry("move_all", tuple(types))
-    return Compiled(PREFACE + "\n\n".join(blocks.values()), (entry,))
+    body = f"    move({', '.join(made)}, posture_to)\n"
+    blocks["move_all"] = f"{PLAIN}\ndef move_all({', '.join(names)}, posture_to):\n{body}"
+    entry = Entry("move_all", (*types, PIECE + AND.join(_POSTURE)))
+    return Compiled(SCALAR + PREFACE + "\n\n".join(blocks.values()), (entry,))
 
 
-def moving(recipe: Moving, on_compile: Callable[[], None] | None = None) -> Compiled:
-    """Return the compiled :func:`pmopt.kernels.inverse_dynamics.move` of a mechanism."""
-    found = _moving(recipe)
-    found.on_compile = on_compile
-    return found
+class Moves:
+    """The compiled inverse dynamics of a mechanism, put together of two texts.
+
+    Parameters
+    ----------
+    recipe : Moving
+    on_compile : callable, optional
+        Called before a compilation.
+    """
+
+    def __init__(self, recipe: Moving, on_compile: Callable[[], None] | None = None) -> None:
+        self._parts = [(_move(), "move_all"), (_posture(recipe), "posture_to")]
+        for compiled, _ in self._parts:
+            compiled.on_compile = on_compile
+        self.on_compile = on_compile
+
+    def parts(self, name: str) -> list[tuple[Compiled, str]]:
+        """Return the texts, and their entries, that the entry is put together of."""
+        return self._parts
+
+    def is_compiled(self, name: str) -> bool:
+        """Return whether the machine code of both is kept."""
+        return all(compiled.is_compiled(entry) for compiled, entry in self._parts)
+
+    def move_all(self, *arguments: Any) -> None:
+        """Call :func:`pmopt.kernels.inverse_dynamics.move` with what its records hold."""
+        (move, name), (posture, entry) = self._parts
+        getattr(move, name)(*arguments, posture.address(entry))
+
+
+def moving(recipe: Moving, on_compile: Callable[[], None] | None = None) -> Moves:
+    """Return the compiled inverse dynamics of a mechanism."""
+    return Moves(recipe, on_compile)
 
 
 # --- certificates -------------------------------------------------------------------------
@@ -174,4 +215,4 @@ def enclosing(on_compile: Callable[[], None] | None = None) -> Compiled:
     )  # fmt: skip
     for function in functions:
         lines.append(f'@njit(error_model="numpy")\n{inspect.getsource(function)}')
-    return Compiled("\n\n".join(lines), entries, on_compile)
+    return Compiled(SCALAR + "\n\n".join(lines), entries, on_compile)

@@ -169,11 +169,6 @@ class Instant(NamedTuple):
     tensors: Table
 
 
-def posture_to(poses, t, constants, out):
-    """Write what the mechanism's posture returns: its call is put in when a module is made."""
-    raise NotImplementedError
-
-
 def moved(twist, column, out):
     """Write the derivative of a column that is carried by a body with a twist."""
     w0, w1, w2, v0, v1, v2 = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
@@ -722,8 +717,12 @@ def add_limb(at, limb, model, scratch):
     return kinetic, potential
 
 
-def move(motion, model, results, scratch):
-    """Compute the motion and the efforts at some instants."""
+def move(motion, model, results, scratch, posture_to):
+    """Compute the motion and the efforts at some instants.
+
+    ``posture_to(poses, t, constants, out)`` writes what the mechanism's posture returns at instant
+    t; it is compiled by itself, and all else once for all mechanisms.
+    """
     poses, speeds, accelerations = motion
     unit, joints, limbs = model.unit, model.joints, model.limbs
     roles, drives, bodies = model.roles, model.drives, model.bodies

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import programs
-from pmopt.compiler.machine_code import Compiled
+from pmopt.compiler.machine_code import Program
 from pmopt.compiler.records import flat
 from pmopt.errors import InputError
 from pmopt.execution.threads import default_threads, ordered_map
@@ -236,7 +236,7 @@ class Mover:
         self._masses = np.array(masses, dtype=float).reshape(-1, 13)
 
     @property
-    def kernels(self) -> dict[Compiled, tuple[str, ...]]:
+    def kernels(self) -> dict[Program, tuple[str, ...]]:
         """The compiled text of this mover and the entry it calls."""
         return {self._kernel: ("move_all",)}
 

@@ -24,7 +24,7 @@ def warm_up(
 ) -> dict[str, int]:
     """Compile what is missing of all that workspaces, their shapes and motions call.
 
-    In processes of their own: this one stays free to be interrupted.
+    In several processes, where there is enough of it.
 
     Parameters
     ----------

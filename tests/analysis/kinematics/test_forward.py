@@ -305,7 +305,7 @@ def test_start_solutions_of_4_ups_rps():
     for _ in range(400):
         state = rps.rps_load(rng.normal(size=12) * np.repeat([1.0, 1.0, 1.0, 1.0, 1.0, 4.0], 2), 0)
         for _ in range(40):
-            step = rps.rps_solve(state, k, k, False)
+            step = rps.rps_solve(state, k, rps.rps_missed(state, k))
             share = min(1.0, 0.5 / math.sqrt(step.moved / step.size))
             state = rps.State(*(np.array(state) + share * np.array(step.change)).tolist())
         if not step.moved < 1e-24 * step.size:

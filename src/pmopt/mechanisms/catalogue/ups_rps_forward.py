@@ -188,6 +188,7 @@ class Path(NamedTuple):
     high: Dimensions
     start: Coefficients
     end: Coefficients
+    rates: Coefficients  # where it is straight
     straight: bool
 
 
@@ -326,9 +327,13 @@ def rps_over(value, divisor):  # type: ignore[no-untyped-def]
     return complex(value.real / divisor, value.imag / divisor)
 
 
-def rps_straight(path, t, rates):  # type: ignore[no-untyped-def]
-    """Return the coefficients at a place of a straight path."""
-    at = path.start
+def rps_along(path, t):  # type: ignore[no-untyped-def]
+    """Return the coefficients at a place of a path."""
+    if not path.straight:
+        return rps_coefficients(rps_mix(path, t))
+    if t == 1.0:
+        return path.end
+    at, rates = path.start, path.rates
     return Coefficients(
         at.a0 + rps_times(t, rates.a0), at.a1 + rps_times(t, rates.a1),
         at.b0 + rps_times(t, rates.b0), at.b1 + rps_times(t, rates.b1),
@@ -341,15 +346,20 @@ def rps_straight(path, t, rates):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def rps_along(path, t):  # type: ignore[no-untyped-def]
-    """Return the coefficients at a place of a path and their rates."""
+def rps_rates(path, t):  # type: ignore[no-untyped-def]
+    """Return the rates of the coefficients at a place of a path."""
     if path.straight:
-        rates = rps_changed(path.end, path.start)
-        return (path.end if t == 1.0 else rps_straight(path, t, rates)), rates
+        return path.rates
     step = 1e-4
     ahead = rps_coefficients(rps_mix(path, t + step))
     behind = rps_coefficients(rps_mix(path, t - step))
-    return rps_coefficients(rps_mix(path, t)), rps_by(rps_changed(ahead, behind), 2.0 * step)
+    return rps_by(rps_changed(ahead, behind), 2.0 * step)
+
+
+def rps_path(low, high, straight):  # type: ignore[no-untyped-def]
+    """Return the path between two sets of dimensions and lengths."""
+    start, end = rps_coefficients(low), rps_coefficients(high)
+    return Path(low, high, start, end, rps_changed(end, start), straight)
 
 
 def rps_across(m, rk, rl):  # type: ignore[no-untyped-def]
@@ -361,35 +371,51 @@ def rps_across(m, rk, rl):  # type: ignore[no-untyped-def]
     )
 
 
-def rps_solve(at, k, rates, moving):  # type: ignore[no-untyped-def]
-    """Return a correction of a state, or if ``moving`` its rate along the path."""
+def rps_missed(at, k):  # type: ignore[no-untyped-def]
+    """Return the miss of x x^T = N; rows P, p, q."""
     a, y, c, px, qx, x = at
+    py = k.a0 + k.a1 * a
+    qy = k.q0 + k.q1 * y + k.q2 * c
+    big_u = k.b0 + k.b1 * a
+    big_v = k.v0 + k.v1 * y + k.v2 * c
+    big_w = k.w0 + k.w1 * y + k.w2 * c
+    return Symmetric(
+        x * x + y * y + a * a - big_w,
+        x * px + y * py + a * c - big_u,
+        x * qx + y * qy + a * a - big_v,
+        px * px + py * py + c * c - 1.0,
+        px * qx + py * qy + c * a,
+        qx * qx + qy * qy + a * a - 1.0,
+    )
+
+
+def rps_drift(at, k, rates):  # type: ignore[no-untyped-def]
+    """Return minus the rate of N with the coefficients."""
+    a, y, c = at.a, at.y, at.c
+    py = k.a0 + k.a1 * a
+    qy = k.q0 + k.q1 * y + k.q2 * c
+    py_t = rates.a0 + rates.a1 * a
+    qy_t = rates.q0 + rates.q1 * y + rates.q2 * c
+    w_t = rates.w0 + rates.w1 * y + rates.w2 * c
+    v_t = rates.v0 + rates.v1 * y + rates.v2 * c
+    u_t = rates.b0 + rates.b1 * a
+    return Symmetric(
+        -w_t,
+        y * py_t - u_t,
+        y * qy_t - v_t,
+        2.0 * py * py_t,
+        py_t * qy + py * qy_t,
+        2.0 * qy * qy_t,
+    )
+
+
+def rps_solve(at, k, miss):  # type: ignore[no-untyped-def]
+    """Return the change of a state that makes up for a miss, or for a drift."""
+    a, y, c, px, qx, x = at
+    e11, e12, e13, e22, e23, e33 = miss
     a1, b1, v1, v2, q1, q2, w1, w2 = k.a1, k.b1, k.v1, k.v2, k.q1, k.q2, k.w1, k.w2
     py = k.a0 + a1 * a
     qy = k.q0 + q1 * y + q2 * c
-    # Miss of x x^T = N, or minus N's rate with the coefficients; rows P, p, q.
-    if moving:
-        py_t = rates.a0 + rates.a1 * a
-        qy_t = rates.q0 + rates.q1 * y + rates.q2 * c
-        w_t = rates.w0 + rates.w1 * y + rates.w2 * c
-        v_t = rates.v0 + rates.v1 * y + rates.v2 * c
-        u_t = rates.b0 + rates.b1 * a
-        e11 = -w_t
-        e12 = y * py_t - u_t
-        e13 = y * qy_t - v_t
-        e22 = 2.0 * py * py_t
-        e23 = py_t * qy + py * qy_t
-        e33 = 2.0 * qy * qy_t
-    else:
-        big_u = k.b0 + b1 * a
-        big_v = k.v0 + v1 * y + v2 * c
-        big_w = k.w0 + w1 * y + w2 * c
-        e11 = x * x + y * y + a * a - big_w
-        e12 = x * px + y * py + a * c - big_u
-        e13 = x * qx + y * qy + a * a - big_v
-        e22 = px * px + py * py + c * c - 1.0
-        e23 = px * qx + py * qy + c * a
-        e33 = qx * qx + qy * qy + a * a - 1.0
     # Derivatives of N by a, y, c.
     zero = 0.0 * a
     n11a, n11b, n11c = -2.0 * a, w1 - 2.0 * y, w2
@@ -469,7 +495,7 @@ def rps_corrected(state, k, steps, close):  # type: ignore[no-untyped-def]
     first = 0.0
     last = 0.0
     for n in range(steps):
-        step = rps_solve(state, k, k, False)
+        step = rps_solve(state, k, rps_missed(state, k))
         state = rps_stepped(state, step.change)
         before = last
         last = math.sqrt(step.moved / (step.size + TINY))
@@ -528,14 +554,14 @@ def rps_follow(begin, path, finer):  # type: ignore[no-untyped-def]
     """Follow a solution along a path; return where it ends."""
     t = 0.0
     h = 0.02
-    k, rates = rps_along(path, 0.0)
+    k = rps_along(path, 0.0)
     here = rps_corrected(begin, k, 6, 1e-12).state
-    rate = rps_solve(here, k, rates, True).change
+    rate = rps_solve(here, k, rps_drift(here, k, rps_rates(path, 0.0))).change
     track = Track(here, rate, here, rate, 0.0)
     for _ in range(rps_STEPS):
         h = h if h < 1.0 - t else 1.0 - t
         at = t + h if h < 1.0 - t else 1.0
-        k, rates = rps_along(path, at)
+        k = rps_along(path, at)
         there = rps_corrected(rps_ahead(track, h), k, 4, 1e-7)
         if not (there.first <= rps_FAR * finer and there.last <= 1e-6):
             h *= 0.4
@@ -543,8 +569,11 @@ def rps_follow(begin, path, finer):  # type: ignore[no-untyped-def]
                 return Ended(track.here, False)
             continue
         t = at
-        rate = rps_solve(there.state, k, rates, True).change if t < 1.0 else track.rate
-        track = Track(there.state, rate, track.here, track.rate, h)
+        here = there.state
+        rate = track.rate
+        if t < 1.0:
+            rate = rps_solve(here, k, rps_drift(here, k, rps_rates(path, t))).change
+        track = Track(here, rate, track.here, track.rate, h)
         if t >= 1.0:
             break
         growth = 0.8 * math.sqrt(math.sqrt(rps_AIM * finer / (there.first + 1e-12)))
@@ -902,7 +931,7 @@ def rps_own(constants):  # type: ignore[no-untyped-def]
 def rps_prepare(w, constants):  # type: ignore[no-untyped-def]
     """Follow the known solutions to the mechanism's dimensions and general lengths; once."""
     known, own = rps_general(constants), rps_own(constants)
-    path = Path(known, own, rps_coefficients(known), rps_coefficients(own), False)
+    path = rps_path(known, own, False)
     for k in range(rps_PATHS):
         start = rps_load(constants, 22 + 12 * k)
         ended = rps_follow(start, path, 0.3)
@@ -968,8 +997,8 @@ def rps_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
         rps_real_square(joints[2] / small), rps_real_square(joints[3] / small),
         rps_real_square(joints[4] / small),
     )  # fmt: skip
-    end = rps_coefficients(given)
-    rps_follow_all(w, Path(own, given, rps_coefficients(own), end, True))
+    path = rps_path(own, given, True)
+    rps_follow_all(w, path)
     scale = Scale(size, small / size, constants[0] / size, constants[1] / size)
     count = 0
     for k in range(rps_PATHS):
@@ -979,7 +1008,7 @@ def rps_assemble(joints, constants, found, w):  # type: ignore[no-untyped-def]
             part = abs(state[i].imag)
             apart = part if part > apart else apart
         if apart < rps_REAL:
-            count = rps_keep(w, count, rps_start(state, end, small, size), scale, joints)
+            count = rps_keep(w, count, rps_start(state, path.end, small, size), scale, joints)
     count = rps_twins(w, count, scale, joints)
     total = 0
     for m in range(count):

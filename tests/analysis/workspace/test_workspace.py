@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from support import naive
 
+from pmopt.analysis.sampling import measuring
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.sampling.tallies import chunk_ranges
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
-from pmopt.analysis.workspace import compute as workspace_module
 from pmopt.analysis.workspace.compute import compute_workspace
 from pmopt.analysis.workspace.shape import topology_of
 from pmopt.compiler import machine_code, program_text
@@ -137,7 +137,7 @@ def test_target_error_is_not_met_by_a_near_miss():
 
 
 def test_target_error_out_of_reach_is_an_error(monkeypatch):
-    monkeypatch.setattr(workspace_module, "MAX_SAMPLES", 2**20)
+    monkeypatch.setattr(measuring, "MAX_SAMPLES", 2**20)
     with pytest.raises(PmoptError, match=r"target error 1e-07 not reached with 1048576 samples"):
         compute(TORUS, target_error=1e-7)
 

@@ -118,6 +118,8 @@ def given_options(
     InputError
     """
     found: dict[str, Any] = {}
+    # Keys of a table are called by their names, as in a file; the validation says what is wrong.
+    shared = set(WorkspaceSettings.model_fields) - getattr(model, "OWN", frozenset())
     for name, field in model.model_fields.items():
         value = values.get(name)
         if value is None or value == ():
@@ -132,7 +134,7 @@ def given_options(
             value = options.parse_point(value, option, unit)
         elif shape == "numbers":
             value = options.parse_edges(value, option, unit)
-        elif not isinstance(value, str):
+        elif not isinstance(value, str) and name not in shared:
             _check_range(field, option, value)
         found[name] = value
     return found

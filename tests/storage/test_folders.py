@@ -419,7 +419,7 @@ def test_a_lock_that_is_no_file(tmp_path, kind):
 
 @pytest.mark.slow
 def test_eight_at_once(home):
-    words = ("workspace", MECH, "--samples", 2**31, "--shape-grid", 0, "--threads", 1, "--quiet")
+    words = ("workspace", MECH, "--samples", 2**29, "--shape-grid", 0, "--threads", 1, "--quiet")
     assert pmopt(*words[:3], 1000, *words[4:], cwd=home).returncode == 0
     processes = [
         subprocess.Popen([*COMMAND, *map(str, words), "--out", "run"], cwd=home, text=True,

@@ -24,7 +24,7 @@ from pathlib import Path
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 COMMAND = [sys.executable, "-m", "pmopt"]
-TIMEOUT = 120  # s; only a hang takes that long
+TIMEOUT = 300  # s; only a hang takes that long, also beside other work
 #: A search of three generations, and a batch of two workspaces.
 SEARCH = """
 mechanism = "2pauu-ppap"

@@ -43,9 +43,20 @@ def _candidates(mechanism, params, count, seed):
         yield {name: at + 0.1 * (pose[name] - at) for name, at in home.items()}
 
 
+#: Pairs that :func:`reachable` has found, with the mechanism, whose identity the key has.
+_FOUND = {}
+
+
 def reachable(mechanism, params, count, mode=None, seed=1):
     """Return ``count`` random (pose, solution) pairs of a working mode, by default the first."""
     mode = mode or mechanism.working_modes[0]
+    key = id(mechanism), tuple(params.items()), count, mode, seed
+    if key not in _FOUND:
+        _FOUND[key] = mechanism, _search(mechanism, params, count, mode, seed)
+    return [(dict(pose), solution) for pose, solution in _FOUND[key][1]]
+
+
+def _search(mechanism, params, count, mode, seed):
     constants = ready(mechanism, params, mode)
     pairs = []
     for pose in _candidates(mechanism, params, count, seed):

@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 
-from support.cli_runner import here
+from support.cli_runner import TIMEOUT, here
 
 
 def pipe(path):
@@ -54,7 +54,7 @@ STRANGE = [pipe, folder_of_that_name, nested, nested_keys, sparse, not_text, oth
 
 def in_time(*words, cwd):
     """Run a command, ended by an alarm where it hangs."""
-    timer = threading.Timer(60, lambda: os.kill(os.getpid(), signal.SIGABRT))
+    timer = threading.Timer(TIMEOUT, lambda: os.kill(os.getpid(), signal.SIGABRT))
     timer.start()
     try:
         return here(*words, cwd=cwd)

@@ -33,14 +33,14 @@ getcontext().prec = 60
 # --- affine forms against exact arithmetic ------------------------------------------------
 
 
-def evaluated(graph, result, forms):
-    """Return the form of an expression of inputs, forms (d + 2,) each."""
-    tape = graph.tape([result])
+def evaluated(graph, results, forms):
+    """Return the forms of expressions of inputs, forms (d + 2,) each."""
+    tape = graph.tape(results)
     inputs = np.ascontiguousarray(np.array(forms, dtype=float)[:, :, None])
     work = np.empty((len(tape.steps), inputs.shape[1] + 1, affine_forms.LANES))
-    found = np.empty((1, inputs.shape[1], 1))
+    found = np.empty((len(results), inputs.shape[1], 1))
     CODE.evaluate(*tape, inputs, np.zeros((1, 2)), work, found)
-    return found[0, :, 0]
+    return found[:, :, 0]
 
 
 def exact(form, at, rest):
@@ -97,8 +97,9 @@ def test_operations_enclose(x, y, e1, e2, rx, ry):
     ]  # fmt: skip
     if vy != 0:
         cases.append((1.0 / b, 1 / vy))
-    for expression, value in cases:
-        assert encloses(evaluated(graph, expression, [x, y]), at, value)
+    forms = evaluated(graph, [expression for expression, _ in cases], [x, y])
+    for form, (_, value) in zip(forms, cases, strict=True):
+        assert encloses(form, at, value)
 
 
 @settings(max_examples=200, deadline=None)
@@ -109,7 +110,7 @@ def test_rounding_is_counted(centre, rest, e):
     a, b = graph.input(0), graph.input(1)
     x, y = [centre, 0.0, 0.0], [rest * 1e-8, 0.0, 0.0]
     value = exact(x, (e,), 0) + exact(y, (e,), 0)
-    form = evaluated(graph, (a + b) * (a + b) - a * a, [x, y])
+    (form,) = evaluated(graph, [(a + b) * (a + b) - a * a], [x, y])
     assert encloses(form, (e,), value**2 - exact(x, (e,), 0) ** 2)
 
 
@@ -336,7 +337,7 @@ def test_columns_are_told_right(params, given):
     constants = constants_of(sampler.space.mechanism, design)
     low, high = enclosure.shares(centres, halves)
     assert (low == 1).any() and (high == 0).any()
-    for _ in range(4):
+    for _ in range(2):
         points = centres + halves * rng.uniform(-1, 1, halves.shape)
         found, within, off = at_places(sampler, design, enclosure, points)
         here = np.abs(off) < 1e-5
@@ -372,7 +373,7 @@ def test_measures_of_places(params, given):
     enclosure.more(1.0)
     centres, halves, _ = enclosure.first()
     rng = np.random.default_rng(4)
-    chosen = rng.choice(len(centres), 300)
+    chosen = rng.choice(len(centres), 160)
     steps = rng.integers(0, 4, (len(chosen), 3))
     sizes = halves[chosen] / 2.0**steps
     centres = (
@@ -463,7 +464,7 @@ def test_nothing_reachable():
 
 
 def test_same_bytes_again():
-    first, second = (api.certify_volume("3-cur", gap=0.05) for _ in range(2))
+    first, second = (api.certify_volume("3-cur", gap=0.1) for _ in range(2))
     assert first == second
 
 

@@ -6,7 +6,7 @@ import shutil
 import signal
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.cli_runner import TIMEOUT, error_line, files_in, here, strict_json, wait_for
 from support.killing import checkpoints, kill_and_resume, outputs, start
@@ -122,6 +122,7 @@ def test_begun_on_another_installation(in_one_go, tmp_path, monkeypatch, every_b
     assert outputs(folder) == outputs(in_one_go("samples"))
 
 
+@settings(max_examples=20)
 @given(st.sampled_from(SHORT), st.data())
 def test_sums_come_back_as_plain_numbers(name, data):
     """From any state on, written and read, the result is the same."""

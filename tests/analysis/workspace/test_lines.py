@@ -174,12 +174,13 @@ def test_sums_equal_a_loop(name, least):
 @pytest.mark.parametrize("name", OFFERED)
 def test_errors_are_honest(name):
     """Standardised differences to a much finer run have a standard deviation of about one."""
-    sweeper = Sweeper(find(name), WorkspaceSettings(sampler="lines"), threads=1)
-    design = sweeper.design(sweeper.mechanism.resolve({}))
+    first = make_sampler(find(name), WorkspaceSettings(sampler="lines"), threads=1)
+    design = first.design(first.space.mechanism.resolve({}))
 
     def measured(seed, each):
-        sweeper.seed = seed
-        return from_replicates(sweeper.tally([design], sweeper.sequence(16), 0, each, BINS))
+        sampler = first.with_seed(seed)
+        points = sampler.sequence(16)
+        return from_replicates(sampler.evaluator.tally([design], points, 0, each, BINS))
 
     fine = measured(99, 1 << 17)
     scores = []

@@ -169,9 +169,17 @@ class Moves:
 
     def __init__(self, recipe: Moving, on_compile: Callable[[], None] | None = None) -> None:
         self._parts = [(_move(), "move_all"), (_posture(recipe), "posture_to")]
+        said = False
+
+        def once() -> None:
+            nonlocal said
+            if not said and on_compile is not None:
+                said = True
+                on_compile()
+
+        self.on_compile: Callable[[], None] | None = once
         for compiled, _ in self._parts:
-            compiled.on_compile = on_compile
-        self.on_compile = on_compile
+            compiled.on_compile = once
 
     def parts(self, name: str) -> list[tuple[Compiled, str]]:
         """Return the texts, and their entries, that the entry is put together of."""

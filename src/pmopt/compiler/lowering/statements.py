@@ -35,6 +35,8 @@ from pmopt.compiler.lowering.values import (
 _MODULES = {"math": math, "np": np, "numpy": np}
 #: Passes over a function until the kinds of its variables are settled.
 _MOST_PASSES = 40
+#: Of a tuple that is gone through.
+_MOST_ITEMS = 16
 
 
 class Program:
@@ -312,7 +314,12 @@ class Writer(Expressions):
 
     def _do_For(self, node: ast.For) -> None:
         call = node.iter
-        if node.orelse or not isinstance(call, ast.Call) or not isinstance(node.target, ast.Name):
+        if node.orelse:
+            raise Unsupported("else of a loop")
+        if not isinstance(call, ast.Call):
+            self.one_by_one(node)
+            return
+        if not isinstance(node.target, ast.Name):
             raise Unsupported("a loop over what is no range")
         if self.expression(call.func) != Static("range") or call.keywords:
             raise Unsupported("a loop over what is no range")
@@ -328,6 +335,21 @@ class Writer(Expressions):
             self.block(node.body)
 
         self.repeat(low, high, step, body)
+
+    def one_by_one(self, node: ast.For) -> None:
+        """Write a loop over a tuple, once for each item."""
+        held = self.expression(node.iter)
+        if not isinstance(held, Items) or len(held.values) > _MOST_ITEMS:
+            raise Unsupported("a loop over what is no range")
+        after = self.label()
+        for value in held.values:
+            on = self.label()
+            self.target(node.target, value)
+            self.loops.append((on, after))
+            self.block(node.body)
+            self.loops.pop()
+            self.begin(on)
+        self.begin(after)
 
     def repeat(self, low: Number, high: Number, step: int, body: Callable[[Number], None]) -> None:
         """Write a loop over a range."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from support.poses import reachable, ready
 
 from pmopt.compiler import program_text
 from pmopt.errors import InputError
@@ -204,3 +205,29 @@ def test_followed_joints_by_names(mechanism):
     ):
         with pytest.raises(InputError, match=text):
             replace(mechanism.structure, followed={"q": (freedom,)}).followed_terms(limbs)
+
+
+def test_links_keep_their_lengths(mechanism):
+    """But telescopes, which are as long as their joint; the platform's radii are rigid too."""
+    params = mechanism.resolve({})
+    size = mechanism.characteristic_length(params)
+    constants = ready(mechanism, params, mechanism.working_modes[0])
+    row = mechanism.structure.skeleton_row
+    lengths, telescopes = [], []
+    for pose, solution in reachable(mechanism, params, 20):
+        flat = np.array(mechanism.skeleton(*pose.values(), constants))
+        ends = flat[row.segments].reshape(-1, 2, 3)
+        lengths.append(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        values = {**solution.joints, **solution.passive}
+        telescopes.append(
+            [values.get(f"l{s.limb + 1}", np.nan) for s in mechanism.structure.segments]
+        )
+    found, joints = np.array(lengths), np.array(telescopes)
+    telescopic = np.isfinite(joints).all(axis=0)
+    assert telescopic.sum() == sum(
+        bool(chain.bars) and any(isinstance(joint, Prismatic) for joint in chain.joints)
+        for chain in mechanism.structure.chains
+    )
+    np.testing.assert_allclose(found[:, telescopic], joints[:, telescopic], atol=1e-9 * size)
+    rigid = found[:, ~telescopic]
+    np.testing.assert_allclose(rigid, np.broadcast_to(rigid[0], rigid.shape), atol=1e-8 * size)

@@ -536,6 +536,7 @@ def uup_positions(at, k):  # type: ignore[no-untyped-def]
     w = minus(at.p1, at.b1)
     flat = math.sqrt(w.x * w.x + w.z * w.z)
     l1 = math.sqrt(flat * flat + w.y * w.y)
+    over = l1 + TINY
     return Positions(
         theta1=arc_tangent(w.x, w.z),
         phi=arc_tangent(sphi, cphi),
@@ -545,7 +546,7 @@ def uup_positions(at, k):  # type: ignore[no-untyped-def]
         delta2=arc_tangent(y - a + c * ck, h + c * sk),
         kappa=arc_tangent(sk, ck),
         psi=arc_tangent(spsi, cpsi),
-        along=Vec3(w.x / l1, w.y / l1, w.z / l1),
+        along=Vec3(w.x / over, w.y / over, w.z / over),
         lower=Vec3(-cphi, 0.0, sphi),
         upper=Vec3(cphi, 0.0, -sphi),
         o=Vec3(at.rotation.xy, at.rotation.yy, at.rotation.zy),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
-from pmopt.analysis.kinematics.solve import homogenize, of_limb
+from pmopt.analysis.kinematics.solve import Inverting, homogenize, of_limb
 from pmopt.analysis.reads import CHECKS, INDEX, PLACE, TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
 from pmopt.analysis.settings import WorkspaceSettings, split_samples
@@ -200,7 +200,7 @@ def find_singularities(
     settings = settings or WorkspaceSettings()
     READS.check(settings)
     sweeper = Sweeper(mechanism, settings, seed, threads, notify, where="singularities")
-    warm_up([sweeper], sweeper.threads)
+    warm_up([sweeper, Inverting(mechanism)], sweeper.threads)
     design = sweeper.design(mechanism.resolve(params or {}))
     if design.box_volume == 0:
         raise nothing_reachable(mechanism, design.parameters, settings, "singularities")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pmopt.analysis.workspace.sweeper import Sweeper
 
 from pmopt.analysis.motion.dynamics import Mover
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.analysis.workspace.sweeper import Sweeper
 from pmopt.compiler import machine_code, programs
 from pmopt.compiler.lowering import Unsupported, lowered
 from pmopt.compiler.machine_code import Compiled, Entry

@@ -188,18 +188,19 @@ savefig.dpi: 17
 savefig.transparent: True
 text.usetex: True
 """
+#: Several things that have nothing to do with each other are set at a time.
 SETTINGS = {
-    "backends": {"MPLBACKEND": "nonsense"},
-    "windows": {"MPLBACKEND": "TkAgg", "DISPLAY": ":99", "QT_QPA_PLATFORM": "none"},
-    "notebooks": {"MPLBACKEND": "module://matplotlib_inline.backend_inline"},
-    "style": {"MATPLOTLIBRC": "odd"},
+    "backends, warnings": {"MPLBACKEND": "nonsense", "PYTHONWARNINGS": "error",
+                           "PYTHONHASHSEED": "7", "TERM": "dumb"},
+    "windows, Turkish": {"MPLBACKEND": "TkAgg", "DISPLAY": ":99", "QT_QPA_PLATFORM": "none",
+                         "LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"},
+    "notebooks, no folder": {"MPLBACKEND": "module://matplotlib_inline.backend_inline",
+                             "MPLCONFIGDIR": "/proc/none"},
+    "style, C": {"MATPLOTLIBRC": "odd", "LC_ALL": "C", "PYTHONUTF8": "0",
+                 "PYTHONCOERCECLOCALE": "0"},
     "broken": {"MATPLOTLIBRC": "broken"},
-    "no folder": {"MPLCONFIGDIR": "/proc/none"},
     "no fonts": {"MPLCONFIGDIR": "fonts"},
-    "warnings": {"PYTHONWARNINGS": "error", "PYTHONHASHSEED": "7", "TERM": "dumb"},
-    "Turkish": {"LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"},
-    "C": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-}
+}  # fmt: skip
 
 
 def drawn_hash(folder, **changes):

@@ -17,6 +17,7 @@ import numpy as np
 
 from pmopt.analysis.kinematics.conditioning import homogenize
 from pmopt.analysis.kinematics.determinants import KINDS, branch_at, measures_at
+from pmopt.analysis.kinematics.inverse import Inverting
 from pmopt.analysis.kinematics.limits import of_limb
 from pmopt.analysis.reads import TOOL_NEEDS, Reads
 from pmopt.analysis.record import OfSubject
@@ -197,7 +198,7 @@ def find_singularities(
     settings = settings or WorkspaceSettings()
     READS.check(settings)
     sampler = make_sampler(mechanism, settings, seed, threads, notify, where="singularities")
-    warm_up([sampler.evaluator], sampler.threads)
+    warm_up([sampler.evaluator, Inverting(mechanism)], sampler.threads)
     design = sampler.design(mechanism.resolve(params or {}))
     if design.box_volume == 0:
         raise nothing_reachable(mechanism, design.parameters, settings, "singularities")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmopt.analysis.workspace.sweeper import Sweeper
 
 from pmopt.analysis.motion.dynamics import Mover
+from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.compiler import machine_code, programs
 from pmopt.compiler.lowering import Unsupported, lowered
@@ -37,7 +37,9 @@ def test_all_of_the_catalogue_goes_without_numba(mechanism):
             continue
         if not mechanism.cones:
             option = {k: v for k, v in option.items() if k != "cone_angle"}
-        for program, names in Sweeper(mechanism, WorkspaceSettings(**option)).kernels.items():
+        for program, names in make_sampler(
+            mechanism, WorkspaceSettings(**option)
+        ).evaluator.kernels.items():
             parts.update(part for name in names for part in program.parts(name))
     mover = Mover(mechanism, mechanism.resolve({}), mechanism.working_modes[0])
     parts.update(mover._kernel.parts("move_all"))
@@ -64,7 +66,7 @@ def test_what_is_common_has_nothing_of_a_mechanism(mechanism):
 ])  # fmt: skip
 def test_a_changed_option_compiles_what_has_changed(mechanism, option, again):
     def parts(**changed):
-        kernels = Sweeper(mechanism, WorkspaceSettings(**changed)).kernels
+        kernels = make_sampler(mechanism, WorkspaceSettings(**changed)).evaluator.kernels
         return {
             (c.folder.name, part)
             for program, names in kernels.items()
@@ -148,7 +150,8 @@ def bits(x, n, out):
     out[4] = 5.0 if good else 4.0
     out[5] = n
     out[5] *= 1 if good else n
-    out[6] = (x[0], x[1], 3.0)[n % 3]
+    chosen = (Pair(x[0], (n, 1.5)), Pair(x[1], (2 * n, 2.5)), Pair(3.0, (0, 3.5)))[n % 3]
+    out[6] = chosen.left + chosen.right[0] * chosen.right[1]
 
 
 numbers = st.floats(-50, 50, allow_nan=False)

@@ -285,15 +285,16 @@ class Expressions(Operations):
         kind = kind_of(held.values[0])
         for value in held.values:
             kind = unified(kind, kind_of(value))
-        if not isinstance(kind, str):
-            raise Unsupported("an index of a tuple")
-        stored = REGISTERS[kind]
-        place = self.slot(f"[{len(held.values)} x {stored}]")
-        for k, value in enumerate(held.values):
-            at_k = self.made(f"getelementptr inbounds {stored}, ptr {place}, i64 {k}")
-            self.emit(f"store {stored} {self.cast(value, kind).text}, ptr {at_k}")
-        found = self.made(f"getelementptr inbounds {stored}, ptr {place}, i64 {index.text}")
-        return Number(kind, self.made(f"load {stored}, ptr {found}"))
+        held_parts = [fixed_parts(self.cast(value, kind), kind) for value in held.values]
+        texts = []
+        for number, stored in enumerate(registers(kind)):
+            place = self.slot(f"[{len(held_parts)} x {stored}]")
+            for k, texts_of in enumerate(held_parts):
+                at_k = self.made(f"getelementptr inbounds {stored}, ptr {place}, i64 {k}")
+                self.emit(f"store {stored} {texts_of[number]}, ptr {at_k}")
+            found = self.made(f"getelementptr inbounds {stored}, ptr {place}, i64 {index.text}")
+            texts.append(self.made(f"load {stored}, ptr {found}"))
+        return assembled(kind, iter(texts))
 
     def element(self, array: Array, at: ast.expr) -> Array:
         """Return the part of an array at an index: an element is one without lengths."""

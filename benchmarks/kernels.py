@@ -123,7 +123,7 @@ POINTS = {
 
 
 def build(name: str, width: int, folder: Path) -> Sweep:
-    """Compile one reference and return it for points as :meth:`Sampler.tally` takes them."""
+    """Compile one reference and return it for points as :meth:`Evaluator.tally` takes them."""
     stem = folder / f"{name}-{width}"
     source = SOURCES / f"{name}.c"
     wide = f"-mprefer-vector-width={width}"

@@ -134,3 +134,9 @@ def test_cluster_runs():
     assert re.search(r"^  one task, there and back: [\d.]+ ", text, re.M)
     assert re.search(r"^ +300 +\d+   0\.\d+ ", text, re.M)
     assert text.count("1,000,000 designs of") == 2
+
+
+def test_cold_runs():
+    """Against itself: what is compared is the same."""
+    text = run("cold.py", "--repeats", 1, "--commands", "certify", "--changes")
+    assert re.search(r"^2pauu-ppap certify( +[\d.]+){5}", text, re.M)

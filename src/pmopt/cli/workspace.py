@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -69,8 +70,8 @@ def workspace_command(
             option = f"--{name.replace('_', '-')}"
             raise InputError(f"{option}: not together with --certify, which samples nothing")
         _certify(
-            mechanism, options.design_parameters(mechanism, params), settings, proof["gap"],
-            (proof.get("time_budget"), proof.get("box_budget")), out, force, form, quiet,
+            mechanism, options.design_parameters(mechanism, params), settings, proof,
+            out, force, form, quiet,
         )  # fmt: skip
         return
     for name in proof:
@@ -111,16 +112,16 @@ def workspace_command(
 
 
 def _certify(
-    mechanism: Mechanism, parameters: Parameters, settings: WorkspaceSettings, gap: float,
-    budgets: tuple[float | None, int | None], out: Path | None, force: bool, form: str,
-    quiet: bool,
+    mechanism: Mechanism, parameters: Parameters, settings: WorkspaceSettings,
+    proof: Mapping[str, Any], out: Path | None, force: bool, form: str, quiet: bool,
 ) -> None:  # fmt: skip
     from pmopt.analysis.workspace.emptiness import nothing_reachable
     from pmopt.reporting.runs import certify_run
 
     notify = notifier(quiet)
+    budgets = certify_run.Budgets(proof.get("time_budget"), proof.get("box_budget"))
     result = certify_run.run_volume(
-        mechanism, parameters, settings, gap, certify_run.Budgets(*budgets), out, force=force,
+        mechanism, parameters, settings, proof["gap"], budgets, out, force=force,
         notify=notify,
     )  # fmt: skip
     emit(

@@ -40,6 +40,10 @@ class Rotation(NamedTuple):
 STILL = Rotation(0.0)
 
 
+class Constants(NamedTuple):
+    length: float
+
+
 def margin_of(x):
     return 3.0 * x * ORDER
 
@@ -89,7 +93,7 @@ def theirs(tmp_path, monkeypatch):
 
 
 def text_of(kernel, module):
-    return module_text(Recipe(kernel, module.skeleton, 2, 1, 2, "2", (0,), (), 0))
+    return module_text(Recipe(kernel, module.skeleton, 2, module.Constants, 2, "2", (0,), (), 0))
 
 
 def plainly(text):
@@ -161,7 +165,7 @@ def test_ours_have_their_names(mechanism):
 
 def test_texts_of_motions_keep_names_apart(theirs, monkeypatch, tmp_path):
     monkeypatch.setenv("PMOPT_CACHE_DIR", str(tmp_path))
-    made = programs.moving(programs.Moving(theirs.posture, 2, 1, 12))
+    made = programs.moving(programs.Moving(theirs.posture, 2, theirs.Constants, 12))
     (move, _), (posture, _) = made.parts("move_all")
     assert "newton__their_module" in posture.text
     assert "RANK = " in move.text

@@ -16,7 +16,7 @@ from pmopt.analysis.sampling.estimates import from_replicates, of_population
 from pmopt.analysis.sampling.sampler import make_sampler
 from pmopt.analysis.sampling.tallies import BINS
 from pmopt.analysis.settings import WorkspaceSettings
-from pmopt.compiler.records import flat
+from pmopt.compiler.records import flat, size
 from pmopt.errors import InputError, PmoptError
 from pmopt.kernels import sweep
 from pmopt.mechanisms import find, names
@@ -225,7 +225,7 @@ def test_kernel_entries_are_the_inverse_jacobian(name, mode, length):
     length = length or mechanism.characteristic_length(params)
     order = len(mechanism.joints)
     constants = ready(mechanism, params, mode, length)
-    assert len(flat(constants)) == mechanism.constant_count
+    assert len(flat(constants)) == size(mechanism.constants)
     for pose, solution in reachable(mechanism, params, 60, mode):
         margin, *entries = mechanism.kernel(*pose.values(), constants)
         assert margin >= 0

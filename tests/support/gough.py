@@ -46,8 +46,32 @@ def rotation(yaw, pitch, roll):
     )  # fmt: skip
 
 
-def limb(x, y, z, r, ax, ay, bx, by, weight):
+class LegConstants(NamedTuple):
+    """A limb of a design: A in the base, B in the platform, the ends of its stroke; m."""
+
+    ax: float
+    ay: float
+    bx: float
+    by: float
+    shortest: float
+    longest: float
+
+
+class GoughConstants(NamedTuple):
+    """A design."""
+
+    leg1: LegConstants
+    leg2: LegConstants
+    leg3: LegConstants
+    leg4: LegConstants
+    leg5: LegConstants
+    leg6: LegConstants
+    weight: float  # 1 / characteristic length, 1/m
+
+
+def limb(x, y, z, r, leg, weight):
     """Return the length of a limb and its rates by the six coordinates."""
+    ax, ay, bx, by = leg.ax, leg.ay, leg.bx, leg.by
     px, py, pz = r[0] * bx + r[1] * by, r[3] * bx + r[4] * by, r[6] * bx + r[7] * by
     wx, wy, wz = x + px - ax, y + py - ay, z + pz
     length = math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -61,22 +85,23 @@ def limb(x, y, z, r, ax, ay, bx, by, weight):
     )  # fmt: skip
 
 
-def kernel(x, y, z, yaw, pitch, roll, constants):
+def kernel(x, y, z, yaw, pitch, roll, k):
     """Return the margin of the six lengths, and J^-1."""
-    (
-        a1, c1, a2, c2, a3, c3, a4, c4, a5, c5, a6, c6,
-        b1, d1, b2, d2, b3, d3, b4, d4, b5, d5, b6, d6,
-        e1, f1, e2, f2, e3, f3, e4, f4, e5, f5, e6, f6, weight,
-    ) = constants  # fmt: skip
     r = rotation(yaw, pitch, roll)
-    g1 = limb(x, y, z, r, a1, c1, b1, d1, weight)
-    g2 = limb(x, y, z, r, a2, c2, b2, d2, weight)
-    g3 = limb(x, y, z, r, a3, c3, b3, d3, weight)
-    g4 = limb(x, y, z, r, a4, c4, b4, d4, weight)
-    g5 = limb(x, y, z, r, a5, c5, b5, d5, weight)
-    g6 = limb(x, y, z, r, a6, c6, b6, d6, weight)
-    low = min(g1[0] - e1, g2[0] - e2, g3[0] - e3, g4[0] - e4, g5[0] - e5, g6[0] - e6)
-    high = min(f1 - g1[0], f2 - g2[0], f3 - g3[0], f4 - g4[0], f5 - g5[0], f6 - g6[0])
+    g1 = limb(x, y, z, r, k.leg1, k.weight)
+    g2 = limb(x, y, z, r, k.leg2, k.weight)
+    g3 = limb(x, y, z, r, k.leg3, k.weight)
+    g4 = limb(x, y, z, r, k.leg4, k.weight)
+    g5 = limb(x, y, z, r, k.leg5, k.weight)
+    g6 = limb(x, y, z, r, k.leg6, k.weight)
+    low = min(
+        g1[0] - k.leg1.shortest, g2[0] - k.leg2.shortest, g3[0] - k.leg3.shortest,
+        g4[0] - k.leg4.shortest, g5[0] - k.leg5.shortest, g6[0] - k.leg6.shortest,
+    )  # fmt: skip
+    high = min(
+        k.leg1.longest - g1[0], k.leg2.longest - g2[0], k.leg3.longest - g3[0],
+        k.leg4.longest - g4[0], k.leg5.longest - g5[0], k.leg6.longest - g6[0],
+    )  # fmt: skip
     margin = low if low < high else high
     return (margin, *g1[1:], *g2[1:], *g3[1:], *g4[1:], *g5[1:], *g6[1:])
 
@@ -100,29 +125,28 @@ class Points(NamedTuple):
     rotation: Rotation
 
 
-def leg_of(x, y, z, r, ax, ay, bx, by):
-    size = math.sqrt(ax * ax + ay * ay)
+def leg_of(x, y, z, r, leg):
+    size = math.sqrt(leg.ax * leg.ax + leg.ay * leg.ay)
     return Leg(
-        Vec3(ax, ay, 0.0),
-        Vec3(x + r[0] * bx + r[1] * by, y + r[3] * bx + r[4] * by, z + r[6] * bx + r[7] * by),
-        Vec3(0.0 - ay / size, ax / size, 0.0),
+        Vec3(leg.ax, leg.ay, 0.0),
+        Vec3(
+            x + r[0] * leg.bx + r[1] * leg.by,
+            y + r[3] * leg.bx + r[4] * leg.by,
+            z + r[6] * leg.bx + r[7] * leg.by,
+        ),
+        Vec3(0.0 - leg.ay / size, leg.ax / size, 0.0),
     )
 
 
-def points(x, y, z, yaw, pitch, roll, constants):
+def points(x, y, z, yaw, pitch, roll, k):
     """Return the platform and the limbs."""
-    c = constants
     r = rotation(yaw, pitch, roll)
     return Points(
-        leg_of(x, y, z, r, c[0], c[1], c[12], c[13]),
-        leg_of(x, y, z, r, c[2], c[3], c[14], c[15]),
-        leg_of(x, y, z, r, c[4], c[5], c[16], c[17]),
-        leg_of(x, y, z, r, c[6], c[7], c[18], c[19]),
-        leg_of(x, y, z, r, c[8], c[9], c[20], c[21]),
-        leg_of(x, y, z, r, c[10], c[11], c[22], c[23]),
+        leg_of(x, y, z, r, k.leg1), leg_of(x, y, z, r, k.leg2), leg_of(x, y, z, r, k.leg3),
+        leg_of(x, y, z, r, k.leg4), leg_of(x, y, z, r, k.leg5), leg_of(x, y, z, r, k.leg6),
         Vec3(x, y, z),
         Rotation(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]),
-    )
+    )  # fmt: skip
 
 
 class Positions(NamedTuple):
@@ -202,7 +226,7 @@ class Gough(Mechanism):
     }
     working_modes = ("direct",)
     kernel = staticmethod(kernel)
-    constant_count = 37
+    constants = GoughConstants
     structure = STRUCTURE
     roles = ("x", "y", "z", "yaw", "pitch", "roll")
 
@@ -289,8 +313,11 @@ class Gough(Mechanism):
     def kernel_constants(self, parameters, working_mode, length, limits):
         base, top = self._points(parameters)
         ends = [limits.get(name, (0.0, math.inf)) for name in NAMES]
-        return [*base.ravel().tolist(), *top.ravel().tolist(),
-                *(float(v) for pair in ends for v in pair), 1.0 / length]  # fmt: skip
+        legs = (
+            LegConstants(*a, *b, *map(float, stroke))
+            for a, b, stroke in zip(base.tolist(), top.tolist(), ends, strict=True)
+        )
+        return GoughConstants(*legs, 1.0 / length)
 
     def _points(self, parameters):
         """Return A and B of the limbs, in pairs about three directions, (6, 2) each."""

@@ -29,7 +29,7 @@ def ready(mechanism, params, mode, length=1.0, limits=None):
 
 def constants_of(mechanism, design):
     """Return the kernel's constants of a design, without those of checks."""
-    return named(mechanism.form_of_constants, design.constants)
+    return named(mechanism.constants, design.constants)
 
 
 def _candidates(mechanism, params, count, seed):

@@ -236,7 +236,7 @@ BROKEN = {
     "limits that are empty": ({"default_limits": empty_limits}, "ranges", "default_limits"),
     "a home without z": ({"home": home_without_z}, "ranges", "home"),
     "a box inside out": ({"reach_box": no_box}, "ranges", "reach_box"),
-    "a constant too few": ({"kernel_constants": constants_short}, "constants", "constant_count"),
+    "a constant too few": ({"kernel_constants": constants_short}, "constants", "constants"),
     "an entry too few": ({"kernel": staticmethod(one_less)}, "kernel-length", "kernel"),
     "a skeleton too short": (
         {"skeleton": staticmethod(short_skeleton)}, "skeleton-length", "skeleton"),
@@ -291,7 +291,7 @@ BROKEN = {
         {"skeleton": staticmethod(moved_platform)}, "skeleton", "skeleton"),
     "a cone open at home": ({"skeleton": staticmethod(open_cone)}, "cones", "cones"),
     "what raises": ({"velocity_maps": raising}, "jacobian-differences", "velocity_maps"),
-    "constants that raise": ({"kernel_constants": raising}, "constants", "constant_count"),
+    "constants that raise": ({"kernel_constants": raising}, "constants", "constants"),
 }  # fmt: skip
 
 

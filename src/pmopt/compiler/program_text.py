@@ -138,8 +138,8 @@ class Recipe(NamedTuple):
         ``skeleton(*pose, constants)``: place of the platform, ends of segments, cosines of cones.
     pose_size, order : int
         Pose coordinates, rows of the Jacobian.
-    constants : type or int
-        What the kernel's constants are; see :data:`pmopt.compiler.records.Constants`.
+    constants : type
+        What the kernel's constants are: a NamedTuple.
     norm : str
         A key of :data:`CONDITIONING`.
     segments, spokes : tuple of int
@@ -160,7 +160,7 @@ class Recipe(NamedTuple):
     kernel: Callable[..., Any]
     skeleton: Callable[..., Any]
     pose_size: int
-    constants: records.Constants
+    constants: type[Any]
     order: int
     norm: str
     segments: tuple[int, ...]

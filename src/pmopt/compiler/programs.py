@@ -114,7 +114,7 @@ class Moving(NamedTuple):
 
     posture: Callable[..., tuple[float, ...]]
     pose_size: int
-    constants: records.Constants
+    constants: type[Any]
     stance_size: int
 
 

@@ -11,8 +11,8 @@ from typing import Any, TypeGuard
 
 from pmopt.compiler.apart import apart
 
-#: What the constants of a kernel are: a record, or how many numbers of a plain tuple.
-Constants = type[Any] | int
+#: What the fields of known records hold.
+_held: dict[type[Any], list[Any]] = {}
 
 
 def is_record(kind: Any) -> TypeGuard[type[Any]]:
@@ -22,14 +22,14 @@ def is_record(kind: Any) -> TypeGuard[type[Any]]:
 
 def _fields(kind: type[Any]) -> list[Any]:
     """Return what the fields of a record hold; numbers where it does not say."""
-    hints = typing.get_type_hints(kind)
-    return [hints.get(name, float) for name in kind._fields]
+    if kind not in _held:
+        hints = typing.get_type_hints(kind)
+        _held[kind] = [hints.get(name, float) for name in kind._fields]
+    return _held[kind]
 
 
-def size(kind: Constants) -> int:
-    """Return how many numbers there are."""
-    if isinstance(kind, int):
-        return kind
+def size(kind: type[Any]) -> int:
+    """Return how many numbers a record has."""
     counts = [size(held) if is_record(held) else 1 for held in _fields(kind)]
     return sum(counts)
 
@@ -45,24 +45,18 @@ def flat(record: Iterable[Any]) -> list[float]:
     return row
 
 
-def named(kind: Constants, row: Iterable[Any]) -> Any:
-    """Return the record of a row's first numbers, or their tuple where they have no names."""
-    numbers = iter(row)
-    if isinstance(kind, int):
-        return tuple(next(numbers) for _ in range(kind))
-    return _built(kind, numbers)
+def named(kind: type[Any], row: Iterable[Any]) -> Any:
+    """Return the record of a row's first numbers."""
+    return _built(kind, iter(row))
 
 
 def _built(kind: type[Any], numbers: Iterator[Any]) -> Any:
     return kind(*(_built(k, numbers) if is_record(k) else next(numbers) for k in _fields(kind)))
 
 
-def call(kind: Constants, row: Iterable[str]) -> str:
+def call(kind: type[Any], row: Iterable[str]) -> str:
     """Return the text that makes :func:`named` of a row, its numbers given as text."""
-    numbers = iter(row)
-    if isinstance(kind, int):
-        return f"({', '.join(next(numbers) for _ in range(kind))},)"
-    return _called(kind, numbers)
+    return _called(kind, iter(row))
 
 
 def _called(kind: type[Any], numbers: Iterator[str]) -> str:
@@ -70,21 +64,19 @@ def _called(kind: type[Any], numbers: Iterator[str]) -> str:
     return f"{apart(kind.__name__, kind)}({', '.join(held)})"
 
 
-def declare(kind: Constants, blocks: dict[str, str]) -> str:
+def declare(kind: type[Any], blocks: dict[str, str]) -> str:
     """Add the text that makes a record's class, after those of the records that it holds.
 
     Returns
     -------
     str
-        What it is called in the text; nothing of a plain tuple.
+        What it is called in the text.
 
     Raises
     ------
     TypeError
         For another of that name.
     """
-    if isinstance(kind, int):
-        return ""
     for held in _fields(kind):
         if is_record(held):
             declare(held, blocks)

@@ -392,7 +392,7 @@ class Traced(NamedTuple):
     factors: set[int]
 
 
-def trace(kernel: Callable[..., Any], pose_size: int, constants: records.Constants) -> Traced:
+def trace(kernel: Callable[..., Any], pose_size: int, constants: type[Any]) -> Traced:
     """Return a kernel's slacks, of which its margin is the least, and entries as expressions.
 
     Raises
@@ -435,7 +435,7 @@ class TracedCurve(NamedTuple):
 
 
 def trace_curve(
-    outcome: Callable[..., Any], pose_size: int, coordinate: int, constants: records.Constants
+    outcome: Callable[..., Any], pose_size: int, coordinate: int, constants: type[Any]
 ) -> TracedCurve:
     """Return the configurations along which a kernel seeks its pose, as expressions."""
     graph = Graph()
@@ -453,7 +453,7 @@ def trace_implicit(
     outcome: Callable[..., Any],
     pose_size: int,
     unknowns: int,
-    constants: records.Constants,
+    constants: type[Any],
 ) -> TracedImplicit:
     """Return the equations that a kernel solves, and what it makes of the solution."""
     graph = Graph()

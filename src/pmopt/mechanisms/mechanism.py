@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from pmopt.compiler.records import Constants, size
 from pmopt.errors import InputError, unknown_name
 from pmopt.mechanisms.declarations import (
     LARGEST_COORDINATE,
@@ -69,10 +68,8 @@ class Mechanism(Named, ABC):
     #: margin is >= 0 inside every limit and continuous outside; the entries, row by row, are any
     #: common scalar multiple of the inverse of the Jacobian made homogeneous by the length.
     kernel: ClassVar[Callable[..., tuple[float, ...]]]
-    #: What the constants are, a NamedTuple of numbers and of such NamedTuples; without it they are
-    #: a plain tuple of :attr:`constant_count` numbers.
-    constants: ClassVar[type[Any] | None] = None
-    constant_count: ClassVar[int]
+    #: What the constants are: a NamedTuple of numbers and of such NamedTuples.
+    constants: ClassVar[type[Any]]
     #: Where the kernel solves equations step by step, the equations: what proofs are about.
     implicit: ClassVar[Implicit | None] = None
     curve: ClassVar[Curve | None] = None
@@ -107,16 +104,6 @@ class Mechanism(Named, ABC):
     #: branch (:meth:`branch`), joints, parasitic coordinates and :attr:`inverted_passive`.
     inverter: ClassVar[Assembler | None] = None
     inverted_passive: ClassVar[tuple[str, ...]] = ()
-
-    def __init_subclass__(cls, **given: Any) -> None:
-        super().__init_subclass__(**given)
-        if cls.constants is not None:
-            cls.constant_count = size(cls.constants)
-
-    @property
-    def form_of_constants(self) -> Constants:
-        """What the kernel's constants are: the class of a record, or how many plain numbers."""
-        return self.constants or self.constant_count
 
     # -- what comes from the structure -----------------------------------------------------
 

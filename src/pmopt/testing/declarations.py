@@ -12,7 +12,7 @@ import numpy as np
 from pmopt.analysis.mobility.screws import FREEDOMS
 from pmopt.compiler import program_text
 from pmopt.compiler.program_text import Recipe
-from pmopt.compiler.records import flat
+from pmopt.compiler.records import flat, size
 from pmopt.mechanisms.mechanism import PLATFORM, Chain, JointKind, Mechanism
 from pmopt.testing.findings import Comparison, Examination
 from pmopt.testing.subject import Subject
@@ -213,12 +213,13 @@ def check_kernel_lengths(found: Examination, subject: Subject) -> None:
     """Lengths of the constants and of what the kernel returns of them."""
     mechanism, n = subject.mechanism, subject.order
     home = tuple(subject.home.values())
-    with found.check("constants", "constant_count", "length of kernel_constants") as c:
+    with found.check("constants", "constants", "length of kernel_constants") as c:
         for each in mechanism.working_modes:
             given = flat(subject.constants(each, 1.0, subject.limits))
+            count = size(mechanism.constants)
             if not c.require(
-                len(given) == mechanism.constant_count,
-                f"{mechanism.constant_count}, but kernel_constants returns "
+                len(given) == count,
+                f"{mechanism.constants.__name__} has {count} numbers, but kernel_constants returns "
                 f"{len(given)} numbers ({each})",
             ):
                 break
@@ -417,7 +418,7 @@ def check_text(found: Examination, mechanism: Mechanism) -> None:
             mechanism.kernel,
             mechanism.skeleton,
             len(mechanism.pose),
-            mechanism.form_of_constants,
+            mechanism.constants,
             len(mechanism.joints),
             "2",
             mechanism.segments,

@@ -45,7 +45,7 @@ def _traced(mechanism: Mechanism) -> TracedCurve:
         given.outcome,
         len(mechanism.pose),
         given.coordinate,
-        mechanism.form_of_constants,
+        mechanism.constants,
     )
 
 

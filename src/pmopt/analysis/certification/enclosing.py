@@ -45,4 +45,4 @@ def enclose(
 
 @cache
 def _traced(mechanism: Mechanism) -> Traced:
-    return trace(mechanism.kernel, len(mechanism.pose), mechanism.form_of_constants)
+    return trace(mechanism.kernel, len(mechanism.pose), mechanism.constants)

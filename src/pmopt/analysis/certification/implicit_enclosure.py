@@ -42,7 +42,7 @@ def traced_implicit(mechanism: Mechanism) -> TracedImplicit:
     assert given is not None
     return trace_implicit(
         given.residuals, given.outcome, len(mechanism.pose), given.unknowns,
-        mechanism.form_of_constants,
+        mechanism.constants,
     )  # fmt: skip
 
 
@@ -99,7 +99,7 @@ class Sheet(Enclosure):
         self._inner_slacks = graph.tape(
             [slack for slack in self._kept if not graph.inputs_of(slack) & outer]
         )
-        self._values = named(mechanism.form_of_constants, design.constants)
+        self._values = named(mechanism.constants, design.constants)
         home = mechanism.home(design.parameters)
         self._home = np.array([home[c.name] for c in mechanism.pose])
         # The box is widened to hold home; what this adds is cut off again as if by limits.

@@ -164,7 +164,7 @@ class Mover:
             programs.Moving(
                 posture,
                 len(mechanism.pose),
-                mechanism.form_of_constants,
+                mechanism.constants,
                 self._stance_size,
             ),
             None

@@ -180,7 +180,7 @@ class DesignSpace:
     def nothing(self, parameters: Parameters) -> Design:
         """Return a design with an empty box, for one that cannot be made ready."""
         axes = len(self.mechanism.pose)
-        count = self.mechanism.constant_count
+        count = size(self.mechanism.constants)
         count += size(Checks) if self.checks else 0
         return Design(
             parameters, 1.0, {}, np.zeros(axes), np.zeros(axes), np.zeros((axes, 2), dtype=bool),

@@ -94,7 +94,7 @@ class Evaluator:
             mechanism.kernel,
             mechanism.skeleton,
             len(mechanism.pose),
-            mechanism.form_of_constants,
+            mechanism.constants,
             len(mechanism.joints),
             settings.norm,
             mechanism.segments,

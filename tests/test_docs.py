@@ -200,7 +200,7 @@ def test_every_model_of_a_configuration_is_on_the_page():
         for path in (ROOT / "src").rglob("*.py")
         for name in re.findall(r"^class (\w+)\((?:BaseModel|RodSettings)\)", path.read_text(), re.M)
     }
-    assert written - named == {"_Named", "Settings"}  # what others are made of
+    assert written - named == {"_Named", "Settings"}  # the latter is the base of others
 
 
 def test_keys_of_a_batch_are_those_that_are_read():

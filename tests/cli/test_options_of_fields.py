@@ -31,6 +31,13 @@ def test_every_field_is_an_option(name):
         assert {option_name(model, field) for field in model.model_fields} <= found
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_two_options_are_passed_on_alike(name):
+    command = cli.get_command(click.Context(cli), name)
+    names = [parameter.name for parameter in command.params]
+    assert len(set(names)) == len(names)
+
+
 @pytest.mark.parametrize("width", ["60", "80", "140"])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_is_by_groups_and_fits(name, width, tmp_path, monkeypatch):

@@ -81,13 +81,14 @@ def options_of(
 
 
 def option_of(model: type[BaseModel], name: str, to: str | None = None) -> Decorator:
-    """Return the option of one field, passed on as ``to`` or by the field's name."""
+    """Return the option of one field, passed on as ``to`` or by the option's name."""
     field = model.model_fields[name]
     shape = _shape(field)
     group = next((m.title for m in field.metadata if isinstance(m, Group)), RUN)
     kind = type(f"{group}Option", (FieldOption,), {"group": group})
     return click.option(
-        option_name(model, name), to or name, cls=kind, type=_click_type(field, shape),
+        option_name(model, name), to or _passed_on(model, name), cls=kind,
+        type=_click_type(field, shape),
         metavar=_metavar(field, shape), multiple=shape in ("ranges", "pairs"),
         help=_help(model, field),
     )  # fmt: skip
@@ -98,6 +99,11 @@ def option_name(model: type[BaseModel], name: str) -> str:
     own = next((m.name for m in model.model_fields[name].metadata
                 if isinstance(m, OnCommandLine) and m.name), name)  # fmt: skip
     return f"--{own.replace('_', '-')}"
+
+
+def _passed_on(model: type[BaseModel], name: str) -> str:
+    """Return what a command calls the option of a field: not two of them alike."""
+    return option_name(model, name).removeprefix("--").replace("-", "_")
 
 
 def given_options(
@@ -121,7 +127,7 @@ def given_options(
     # Keys of a table are called by their names, as in a file; the validation says what is wrong.
     shared = set(WorkspaceSettings.model_fields) - getattr(model, "OWN", frozenset())
     for name, field in model.model_fields.items():
-        value = values.get(name)
+        value = values.get(_passed_on(model, name))
         if value is None or value == ():
             continue
         option, shape = option_name(model, name), _shape(field)
@@ -259,6 +265,8 @@ def _range_text(field: FieldInfo) -> str:
     found = {sign: _number(getattr(mark, sign)) for sign, mark in ends.items()}
     if "ge" in found and "le" in found:
         return f"{found['ge']} to {found['le']}"
+    if "gt" in found and "lt" in found:
+        return f"between {found['gt']} and {found['lt']}"
     signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
     return ", ".join(f"{signs[sign]} {end}" for sign, end in found.items())
 
@@ -268,6 +276,7 @@ def _check_range(field: FieldInfo, option: str, value: float) -> None:
         sign = type(mark).__name__.lower()  # ge, gt, le or lt
         if not getattr(operator, sign)(value, getattr(mark, sign)):
             what = "a whole number" if _shape(field) == "whole" else "a number"
-            raise InputError(
-                f"{option}: {value} is not allowed: {what} {_range_text(field)} is needed"
-            )
+            needed = f"{what} {_range_text(field)} is needed"
+            if _unit(field) == "s":
+                needed = f"seconds {_range_text(field)} are needed"
+            raise InputError(f"{option}: {value} is not allowed: {needed}")

@@ -58,7 +58,8 @@ def workspace_command(
 
     given = given_options(WorkspaceSettings, values, mechanism)
     own = given_options(WorkspaceConfig, values, mechanism)
-    proof = given_options(VolumeSettings, {k: values[k] for k in _PROOF}, mechanism)
+    bounds = given_options(VolumeSettings, values, mechanism)
+    proof = {name: bounds[name] for name in _PROOF if name in bounds}
     settings = validated(WorkspaceSettings, given, "workspace")
     if "gap" in proof:
         sampled = [k for k, f in WorkspaceSettings.model_fields.items() if SAMPLING in f.metadata]

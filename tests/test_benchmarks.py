@@ -77,7 +77,7 @@ def test_kernels_skip_without_gcc(kernels, monkeypatch, capsys):
 
 @needs_gcc
 def test_kernels_notice_a_wrong_reference(kernels, monkeypatch, tmp_path):
-    """A factor that is two millionths off is told before anything is timed."""
+    """A factor that is two millionths off is reported before anything is timed."""
     changed = shutil.copytree(FOLDER / "c", tmp_path / "c")
     source = changed / "2pauu-ppap.c"
     text = source.read_text()
@@ -90,7 +90,7 @@ def test_kernels_notice_a_wrong_reference(kernels, monkeypatch, tmp_path):
 
 @needs_gcc
 @pytest.mark.parametrize(
-    ("field", "change", "told"),
+    ("field", "change", "expected"),
     [
         ("total", lambda values: values * (1 + 3e-9), "sums of LCI"),
         ("within", lambda values: values + 1, "points within"),
@@ -99,7 +99,7 @@ def test_kernels_notice_a_wrong_reference(kernels, monkeypatch, tmp_path):
         ("largest", lambda values: values * float("nan"), "the largest LCI"),
     ],
 )
-def test_disagreement_tells_every_sum(kernels, tmp_path, field, change, told):
+def test_disagreement_names_every_sum(kernels, tmp_path, field, change, expected):
     mechanism = find("2pauu-ppap")
     sampler = make_sampler(mechanism, WorkspaceSettings(), threads=1)
     design, points = sampler.design(mechanism.resolve({})), sampler.sequence(2)
@@ -107,7 +107,7 @@ def test_disagreement_tells_every_sum(kernels, tmp_path, field, change, told):
     theirs = kernels.build(mechanism.name, 256, tmp_path)(design, points, 0, 1000)
     assert kernels.disagreement(ours, theirs) is None
     wrong = theirs._replace(**{field: change(getattr(theirs, field))})
-    assert kernels.disagreement(ours, wrong).startswith(told)
+    assert kernels.disagreement(ours, wrong).startswith(expected)
 
 
 def test_accuracy_runs():

@@ -234,10 +234,10 @@ def test_designs_that_fail_on_a_worker_are_told(client, monkeypatch):
     reasons = {(1.0, 2.0): "no root", (1.5, 2.0): "no root"}
     sent = evaluate_part
 
-    def told(part):
+    def with_reasons(part):
         return replace(sent(part), reasons=reasons)
 
-    monkeypatch.setattr(problem_module, "evaluate_part", told)
+    monkeypatch.setattr(problem_module, "evaluate_part", with_reasons)
     monkeypatch.setattr(client, "ordered_map", lambda function, items: map(function, items))
     problem.evaluate(np.array([problem.lower, problem.upper]))
     assert problem.failures == {"no root": 2}

@@ -319,7 +319,7 @@ def test_a_number_that_is_wrong_has_a_unit_and_a_pose():
 
 
 class Parasitic(UuUpu):
-    """Of which a parasitic coordinate is told from another zero."""
+    """Of which a parasitic coordinate is distinguished from another zero."""
 
     def inverse(self, parameters, pose):
         found = UuUpu.inverse(self, parameters, pose)

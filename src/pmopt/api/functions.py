@@ -246,11 +246,11 @@ def warmup(
     from pmopt.analysis.settings import WorkspaceSettings
     from pmopt.execution.threads import default_threads
 
-    told: set[str] = set()
+    sent: set[str] = set()
 
     def once(line: str) -> None:
-        if notify is not None and line not in told:
-            told.add(line)
+        if notify is not None and line not in sent:
+            sent.add(line)
             notify(line)
 
     users: list[Evaluator | Mover | Assembling | Inverting] = []

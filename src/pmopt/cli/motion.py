@@ -31,7 +31,7 @@ def motion_command(
 ) -> None:  # fmt: skip
     """Joint positions, rates, accelerations, efforts and power along a trajectory.
 
-    The table tells what the motion asks of each actuator; --format csv prints the motion itself.
+    The table shows what the motion asks of each actuator; --format csv prints the motion itself.
     A motion that is out of reach, singular or beyond a limit ends with exit code 2 and the spans
     of time where it is.
 

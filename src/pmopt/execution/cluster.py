@@ -179,7 +179,7 @@ class Cluster:
 
         watch = Watch(self.address, self._notify)
         while not all(future.done() for future in futures):
-            with contextlib.suppress(Exception):  # what failed is told where results are taken
+            with contextlib.suppress(Exception):  # what failed is reported where results are taken
                 wait(futures, timeout=TICK)
             watch.check()
 

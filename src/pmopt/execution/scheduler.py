@@ -60,7 +60,7 @@ class Failure:
 
 
 def hush() -> None:
-    """Keep Dask's own lines from the user: what matters is told in one of ours."""
+    """Keep Dask's own lines from the user: what matters is said in one of ours."""
     names = [*_LOGGERS, *logging.root.manager.loggerDict]
     for name in names:
         if name.split(".")[0] in _LOGGERS:
@@ -144,7 +144,7 @@ class Watch:
         self._limit = limit
         self._notify = notify
         self._answers: queue.SimpleQueue[Answer | Failure] = queue.SimpleQueue()
-        self._began = self._answered = self._staffed = self._told = time.monotonic()
+        self._began = self._answered = self._staffed = time.monotonic()
         self._asked: float | None = None
         self._next = self._began + _LOOK  # most waiting is shorter
         self._shown = 0.0

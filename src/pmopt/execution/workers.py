@@ -81,7 +81,7 @@ class _Worker(Generic[Item, Result]):
 
     def give(self, number: int, item: Item) -> None:
         self.number = number
-        with contextlib.suppress(OSError):  # it died idle: reading tells
+        with contextlib.suppress(OSError):  # it died idle: reading shows that
             self.connection.send(item)
 
     def end(self) -> None:

@@ -201,7 +201,7 @@ def convert(number: str, given: str, wanted: str) -> float:
 
 
 def exact_number(text: str) -> Fraction:
-    """Return a finite number's exact value, 0 for what a double cannot tell from it.
+    """Return a finite number's exact value, 0 for what a double cannot distinguish from it.
 
     Python would write out all digits of ``1e-999999999``.
     """

@@ -22,7 +22,7 @@ Ranges = Mapping[str, tuple[float, float]]
 JacobianKind = Literal["raw", "homogenized"]
 
 #: Physical range of lengths, in the mechanism's length unit: beyond it squares and fourth powers
-#: of lengths leave what doubles can tell apart. Coordinates may lie further out.
+#: of lengths leave what doubles can distinguish. Coordinates may lie further out.
 SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e6
 LARGEST_COORDINATE = 1e9
 

@@ -176,7 +176,7 @@ class Mechanism(Named, ABC):
 
     @abstractmethod
     def home(self, parameters: Parameters) -> dict[str, float]:
-        """Return the declared regular pose that working modes and aspects are told from."""
+        """Return the declared regular pose that defines working modes and aspects."""
 
     @abstractmethod
     def platform(

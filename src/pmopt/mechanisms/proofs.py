@@ -36,7 +36,7 @@ class Implicit:
 class Curve:
     """A curve of configurations along which a kernel seeks a pose coordinate, for proofs.
 
-    With the other coordinates given, the configurations are told by v in [-pi, pi]. The pose is
+    With the other coordinates given, the configurations are numbered by v in [-pi, pi]. The pose is
     reached on the piece about v = 0 on which the coordinate is monotonic.
 
     Attributes

@@ -106,7 +106,7 @@ class CheckpointFolder:
 
     @staticmethod
     def configuration(folder: Path) -> dict[str, Any] | None:
-        """Return the configuration of the run begun in this folder, None where nothing tells."""
+        """Return the configuration of the run begun in this folder, None where it is not known."""
         try:
             run = read_json(_newest(folder) / FOLDER / RUN)
             return dict(run["config"])

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 #: An adaptive search doubles the samples when the best hypervolume has grown, over a third of all
 #: generations and at least some, by less than this share of the designs' standard error: on common
-#: points neighbours on a front are told apart some twenty times more finely than each is known.
+#: points neighbours on a front are distinguished some twenty times more finely than each is known.
 #: It stops doubling at this relative standard error.
 _WINDOW = 3
 _LEAST_WINDOW = 5
-_TOLD_APART = 0.05
+_DISTINGUISHED = 0.05
 _FINEST = 2e-3
 #: Then designs are measured again, too, that were beaten by less than this many standard errors:
 #: at most so many times the population.
@@ -165,13 +165,13 @@ _NONE = 0.0
 class Optimisation:
     """A run of the configured algorithm (:mod:`pmopt.synthesis.search`).
 
-    The designs of a generation follow from the seed and from what earlier generations were
-    told, so that telling recorded results again restores the run exactly. What is recorded stays as
+    The designs of a generation follow from the seed and from what earlier generations
+    gave, so that giving recorded results again restores the run exactly. What is recorded stays as
     it is where this installation would have asked for other designs; the search goes on from it.
 
     In an adaptive search all designs that are compared have the same number of samples: few
     while designs are far apart, twice as many, for the survivors too, when the front no longer
-    gains what errors let it tell apart. Runs of any length begin alike.
+    gains more than its errors. Runs of any length begin alike.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Optimisation:
     def generations(
         self, recorded: list[Record] | None = None, note: Callable[[str], None] | None = None
     ) -> Iterator[Generation]:
-        """Run, yielding after each generation; recorded ones are told without evaluation.
+        """Run, yielding after each generation; recorded ones are taken without evaluation.
 
         Parameters
         ----------
@@ -206,17 +206,17 @@ class Optimisation:
         gains: list[float] = []  # best hypervolumes with this number of samples
         for number in range(1, settings.generations + 1):
             variables = algorithm.ask()
-            told = next(known, None)
-            if told is not None:
-                others = not np.array_equal(told.evaluated.variables, variables)
-                if note and (others or told.asked != algorithm.generator):
+            past = next(known, None)
+            if past is not None:
+                others = not np.array_equal(past.evaluated.variables, variables)
+                if note and (others or past.asked != algorithm.generator):
                     note(_other_designs(number))
                     note = None  # those that follow are others too
-                variables, algorithm.generator = told.evaluated.variables, told.asked
+                variables, algorithm.generator = past.evaluated.variables, past.asked
             elif len(variables) == 0:
                 return  # every offspring repeats a known design
             asked = algorithm.generator
-            evaluated = self._measured(variables, samples, told.evaluated if told else None)
+            evaluated = self._measured(variables, samples, past.evaluated if past else None)
             merged = evaluated
             if self._population is not None:
                 merged = Evaluations.join([self._population, evaluated])
@@ -230,10 +230,10 @@ class Optimisation:
             volume = hypervolume(front.values, problem.senses, self.reference)
             gains.append(max([volume, *gains[-1:]]))
             again, had = None, samples
-            finer = self._stalled(number, gains, front) if told is None else told.again is not None
+            finer = self._stalled(number, gains, front) if past is None else past.again is not None
             if samples is not None and finer:
                 samples *= 2
-                again = told.again if told else None
+                again = past.again if past else None
                 again = self._measured(
                     self._contenders() if again is None else again.variables, samples, again
                 )
@@ -247,15 +247,15 @@ class Optimisation:
             best = np.full(len(problem.objectives), np.nan)
             if len(front):
                 best = (front.values * problem.senses).max(axis=0) * problem.senses
-            if told is not None:
-                if note and told.generator != algorithm.generator:
+            if past is not None:
+                if note and past.generator != algorithm.generator:
                     note(_other_designs(number))
                     note = None
-                algorithm.generator = told.generator
+                algorithm.generator = past.generator
             record = Record(evaluated, again, asked, algorithm.generator)
             yield Generation(
                 number, evaluations, feasible, len(front), volume, tuple(best.tolist()),
-                had, record, told is not None,
+                had, record, past is not None,
             )  # fmt: skip
 
     def _algorithm(self) -> Search:
@@ -273,13 +273,13 @@ class Optimisation:
         return Search(ALGORITHMS[settings.name](settings), space, seed)
 
     def _measured(
-        self, variables: NDArray[np.float64], samples: int | None, told: Evaluations | None
+        self, variables: NDArray[np.float64], samples: int | None, past: Evaluations | None
     ) -> Evaluations:
         """Evaluate designs, or return what is recorded of them."""
-        if told is None:
+        if past is None:
             return self.problem.evaluate(variables, samples)
-        self.problem.recall(told)
-        return told
+        self.problem.recall(past)
+        return past
 
     def _stalled(self, number: int, gains: list[float], front: Evaluations) -> bool:
         """Return whether an adaptive search is to go on with twice the samples."""
@@ -290,7 +290,7 @@ class Optimisation:
             relative = np.abs(front.errors / front.values)
         error = float(np.median(np.sqrt(np.nansum(relative**2, axis=1))))
         gain = 1 - gains[-1 - window] / gains[-1]
-        return error > _FINEST and gain < _TOLD_APART * error
+        return error > _FINEST and gain < _DISTINGUISHED * error
 
     def _contenders(self) -> NDArray[np.float64]:
         """Return the population and what errors may have kept from it, shape (N, v).

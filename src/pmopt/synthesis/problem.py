@@ -44,7 +44,7 @@ FINAL_SAMPLES = 1 << 26
 #: Samples of a design in the first generations of an adaptive search: fewer save little, as a
 #: design takes as long to make ready, and are too few for the measures in space.
 FIRST_SAMPLES = 1 << 12
-#: On lines, which are exact along one coordinate, as few tell as much.
+#: On lines, which are exact along one coordinate, this few say as much.
 FIRST_ON_LINES = 1 << 10
 #: Parts of a population, for each thread.
 _SLICES = 4
@@ -127,7 +127,7 @@ class DesignProblem:
         cluster: Cluster | None = None,
     ) -> None:  # fmt: skip
         self._cluster = cluster
-        self._told = pickle.dumps(config)
+        self._packed = pickle.dumps(config)
         self._pace = 0.0  # s a sample on the cluster; not known before the first evaluation
         self.config = config
         self.mechanism = find(config.mechanism)
@@ -255,7 +255,7 @@ class DesignProblem:
             for name, pairs in self._projected(designs, many).items():
                 by_name[name] = (pairs[:, 0], pairs[:, 1])
         # A quantity that does not exist breaks its bounds, and an objective the existence of a
-        # workspace: too few poses are reachable to tell their positions.
+        # workspace: too few poses are reachable to measure their positions.
         bounds = [
             np.nan_to_num(sign * (by_name[name][0] - bound), nan=-1.0)
             for name, sign, bound in self.bounds.values()
@@ -273,7 +273,7 @@ class DesignProblem:
         work = len(variables) * (samples or 1)
         worth = math.ceil(self._pace * work / _WORTH) if self._pace else len(variables)
         slices = max(1, min(len(variables), _TASKS * cluster.threads, worth))
-        parts = [_Part(self._told, rows, samples) for rows in np.array_split(variables, slices)]
+        parts = [_Part(self._packed, rows, samples) for rows in np.array_split(variables, slices)]
         found, seconds = [], 0.0
         for done in cluster.ordered_map(evaluate_part, parts):
             found.append(done.found)
@@ -378,7 +378,7 @@ class DesignProblem:
             What objectives and constraints may be, by name.
         """
         if self._cluster is not None:
-            rows = (_Part(self._told, row, None) for row in variables)
+            rows = (_Part(self._packed, row, None) for row in variables)
             for done in self._cluster.ordered_map(measure_part, rows):
                 self._reasons |= done.reasons
                 yield done.found

@@ -100,10 +100,10 @@ def check_screws(found: Examination, subject: Subject) -> None:
     compared = "the platform's motion against the wrenches of every limb"
     with found.check("layout-motion", "layout", compared, BY_DIFFERENCES) as c:
         for k, sample in enumerate(moved):
-            told = twists[k]
-            if told is None:
+            twist = twists[k]
+            if twist is None:
                 continue
-            motion, error = told
+            motion, error = twist
             c.at = subject.shown(sample.pose, sample.mode)
             for limb in _scaled(subject, sample, layouts[k]):
                 wrenches = screws.reciprocal(screws.span(screws.limb_twists(limb)))
@@ -121,10 +121,10 @@ def check_screws(found: Examination, subject: Subject) -> None:
     compared = "J_q^-1 J_X against the screws of the layout"
     with found.check("jacobian-screws", "layout", compared, BY_DIFFERENCES) as c:
         for k, sample in enumerate(moved):
-            told = twists[k]
-            if told is None:
+            twist = twists[k]
+            if twist is None:
                 continue
-            motion, error = told
+            motion, error = twist
             c.at = subject.shown(sample.pose, sample.mode)
             rates, open_ = np.full((n, n), np.nan), np.zeros((n, n))
             for limb in _scaled(subject, sample, layouts[k]):

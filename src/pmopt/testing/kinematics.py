@@ -14,7 +14,7 @@ from pmopt.testing.subject import Sample, Subject
 
 #: Allowed deviation of numbers that come of one formula, and of differences.
 EXACT, BY_DIFFERENCES = 1e-8, 1e-6
-#: Least share of random poses that can be told reachable from not.
+#: Least share of random poses that can be judged reachable or not.
 _POSES = 60
 #: A margin this small, as a share of the largest met, may be rounding on a limit.
 _ON_LIMIT = 1e-9

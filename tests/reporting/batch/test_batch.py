@@ -289,7 +289,7 @@ def test_a_file_with_the_name_of_a_glob_is_that_file(write):
     assert find_configs([path]) == [path]
 
 
-# --- what is told before anything runs --------------------------------------------------------
+# --- what is said before anything runs --------------------------------------------------------
 
 
 def test_everything_wrong_is_told_at_once(write, tmp_path):
@@ -305,12 +305,12 @@ def test_everything_wrong_is_told_at_once(write, tmp_path):
     assert result.stdout == ""
     lines = result.stderr.splitlines()
     assert all(line.startswith(f"error: {tmp_path}/") for line in lines)
-    told = {Path(line.split(": ")[1]).name: line for line in lines}
-    assert list(told) == ["lines.toml", "no.toml", "sweep.toml", "typo.toml", "which.toml"]
-    assert told["sweep.toml"].endswith("(2 of 4 runs)")
-    assert "n=-0.8" in told["sweep.toml"]
-    assert "nearest: population" in told["typo.toml"]
-    assert "nearest: pareto" in told["which.toml"]
+    said = {Path(line.split(": ")[1]).name: line for line in lines}
+    assert list(said) == ["lines.toml", "no.toml", "sweep.toml", "typo.toml", "which.toml"]
+    assert said["sweep.toml"].endswith("(2 of 4 runs)")
+    assert "n=-0.8" in said["sweep.toml"]
+    assert "nearest: population" in said["typo.toml"]
+    assert "nearest: pareto" in said["which.toml"]
     assert not (tmp_path / "out").exists()
 
 
@@ -443,7 +443,7 @@ def test_footprint_is_best_where_it_is_least(tmp_path):
 
 @pytest.mark.slow
 def test_process_workers_and_glob(undisturbed, tmp_path):
-    """As a process, on three worker processes: the same bytes, each run told, JSON on stdout."""
+    """As a process, on three worker processes: the same bytes, each run named, JSON on stdout."""
     out = tmp_path / "out"
     line = ("batch", "*.toml", "--workers", 3, "--out", out, "--format", "json")
     result = pmopt(*line, cwd=undisturbed)

@@ -123,11 +123,11 @@ def test_shipped_motion(run):
     # The summary is that of the motion.
     for row in document["actuators"]:
         for quantity in ("rate", "acceleration", "effort", "power"):
-            values, told = motion[f"{row['joint']}_{quantity}"], row[quantity]
-            assert told["peak"] == np.abs(values).max()
-            assert (told["min"], told["max"]) == (values.min(), values.max())
-            assert abs(values[np.searchsorted(t, told["at"])]) == told["peak"]
-            assert told["rms"] == pytest.approx(math.sqrt(np.trapezoid(values**2, t) / np.ptp(t)))
+            values, said = motion[f"{row['joint']}_{quantity}"], row[quantity]
+            assert said["peak"] == np.abs(values).max()
+            assert (said["min"], said["max"]) == (values.min(), values.max())
+            assert abs(values[np.searchsorted(t, said["at"])]) == said["peak"]
+            assert said["rms"] == pytest.approx(math.sqrt(np.trapezoid(values**2, t) / np.ptp(t)))
         assert row["position"]["min"] == motion[row["joint"]].min()
     summary = csv_rows((folder / "summary.csv").read_text())
     assert len(summary) == 5 * len(joints)
@@ -351,11 +351,11 @@ REFUSED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "told"), REFUSED)
-def test_refused_in_one_line(short, old, new, told):
+@pytest.mark.parametrize(("old", "new", "expected"), REFUSED)
+def test_refused_in_one_line(short, old, new, expected):
     (short / "m.toml").write_text(SHORT.replace(old, new, 1))
     result = here("motion", "m.toml", "--out", "run", cwd=short)
-    assert told in error_line(result)
+    assert expected in error_line(result)
     assert result.stdout == ""
     assert files_in(short) == ["m.toml"]
 
@@ -369,14 +369,14 @@ def test_refused_as_a_process(short):
 
 
 def test_drawings_in_time_are_checked_first(short):
-    def told(*args):
+    def refusal(*args):
         return error_line(here("motion", "m.toml", *args, cwd=short))
 
-    assert "ending in .gif or .mp4" in told("--animate", "a.avi")
-    assert "only together with --animate" in told("--fps", "10")
-    assert "--fps: 100 is not allowed" in told("--animate", "a.gif", "--fps", "100")
+    assert "ending in .gif or .mp4" in refusal("--animate", "a.avi")
+    assert "only together with --animate" in refusal("--fps", "10")
+    assert "--fps: 100 is not allowed" in refusal("--animate", "a.gif", "--fps", "100")
     (short / "a.gif").write_text("")
-    assert "exists; --force" in told("--animate", "a.gif")
+    assert "exists; --force" in refusal("--animate", "a.gif")
 
 
 def test_mp4_without_ffmpeg_is_one_line(short):

@@ -385,7 +385,7 @@ def test_interrupted_and_taken_up_again(long_run, tmp_path, number, name, seed):
 
 
 def catches_sigterm(process):
-    """Return whether a process has its own answer to SIGTERM, as the kernel tells."""
+    """Return whether a process has its own answer to SIGTERM, as the kernel reports."""
     status = Path(f"/proc/{process.pid}/status").read_text()
     caught = int(re.search(r"SigCgt:\s*([0-9a-f]+)", status).group(1), 16)
     return bool(caught >> (signal.SIGTERM - 1) & 1)
@@ -652,7 +652,7 @@ from pathlib import Path
 from pmopt.reporting.runs.pareto_run import run_pareto
 from pmopt.synthesis import optimise
 from pmopt.synthesis.config import resolve_config
-optimise._TOLD_APART = {EAGER}
+optimise._DISTINGUISHED = {EAGER}
 data = tomllib.loads(Path("test.toml").read_text())
 run_pareto(resolve_config(data, "test.toml"), Path("run"), resume=True)
 """
@@ -660,7 +660,7 @@ run_pareto(resolve_config(data, "test.toml"), Path("run"), resume=True)
 
 @pytest.fixture
 def eager(monkeypatch):
-    monkeypatch.setattr(optimise, "_TOLD_APART", EAGER)
+    monkeypatch.setattr(optimise, "_DISTINGUISHED", EAGER)
 
 
 @pytest.fixture(scope="module")
@@ -668,7 +668,7 @@ def adaptive(tmp_path_factory):
     """Return the folder of a finished adaptive run, in which the samples doubled, and the run."""
     folder = tmp_path_factory.mktemp("adaptive") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(optimise, "_TOLD_APART", EAGER)
+        patch.setattr(optimise, "_DISTINGUISHED", EAGER)
         return folder, run_pareto(config_of(**ADAPTIVE), folder)
 
 
@@ -697,15 +697,15 @@ def test_samples_of_an_adaptive_run(adaptive):
 
 
 def test_all_that_is_compared_has_the_same_samples(monkeypatch, eager):
-    """What selection is told of a design is what that many samples say, never fewer."""
+    """Selection receives of a design what that many samples say, never fewer."""
     problem = DesignProblem(config_of(**ADAPTIVE))
-    told = []
+    seen = []
     for name in ("tell", "replace"):
         method = getattr(Search, name)
 
         def spy(self, *given, method=method):
             rows = method(self, *given)
-            told.append(self.algorithm.pop.get("X", "F"))
+            seen.append(self.algorithm.pop.get("X", "F"))
             return rows
 
         monkeypatch.setattr(Search, name, spy)
@@ -714,7 +714,7 @@ def test_all_that_is_compared_has_the_same_samples(monkeypatch, eager):
         assert generation.samples == current
         current *= 1 if generation.record.again is None else 2
         if generation.record.again is not None or generation.number % 10 == 0:
-            variables, objectives = told[-1]
+            variables, objectives = seen[-1]
             assert (problem.evaluate(variables, current).values == -objectives).all()
     assert current >= 4 * problem.first_samples
 
@@ -1225,7 +1225,7 @@ def test_checkpoint_is_told_by_its_folder(finished, tmp_path):
 
 
 def test_records_of_another_installation_are_taken_up():
-    """Designs or random numbers that this installation would not have are told as recorded."""
+    """Designs or random numbers that this installation would not have are taken as recorded."""
     problem = DesignProblem(config_of())
     recorded = [g.record for g in Optimisation(problem).generations()]
     second = recorded[1].evaluated
@@ -1292,16 +1292,16 @@ def test_designs_that_fail_are_told_and_left_out(fragile, finished, tmp_path, cu
     assert 3 < len(failed) < len(rows)
     assert all(row["feasible"] == "0" and row["gci"] == "" for row in failed)
     assert all(float(row["l1"]) >= 0.8 for row in table(tmp_path / "fragile", "front"))
-    told = manifest_of(tmp_path / "fragile")["failures"]
-    assert list(told) == ["ZeroDivisionError: division by zero"]
+    failures = manifest_of(tmp_path / "fragile")["failures"]
+    assert list(failures) == ["ZeroDivisionError: division by zero"]
     # Beside those of the search there may be some that the influence of parameters is tried on.
-    assert sum(told.values()) >= len(failed)
+    assert sum(failures.values()) >= len(failed)
     assert manifest_of(finished[0])["failures"] == {}
     shutil.rmtree(cut_off)
     shutil.copytree(tmp_path / "fragile", cut_off)
     (cut_off / "manifest.json").unlink()
     result = here("pareto", "test.toml", "--out", cut_off, "--resume", cwd=tmp_path)
-    assert manifest_of(cut_off)["failures"] == told
+    assert manifest_of(cut_off)["failures"] == failures
     (line,) = [line for line in result.stderr.splitlines() if "could not be evaluated" in line]
     assert "ZeroDivisionError: division by zero" in line
     assert read(cut_off) == read(tmp_path / "fragile")

@@ -1,10 +1,10 @@
 """What is proven of a mechanism that reaches a pose coordinate along a curve of configurations.
 
-Boxes lie in the space where v, which tells the place on the curve, stands for that coordinate: all
+Boxes lie in the space where v, the place on the curve, stands for that coordinate: all
 is explicit there. The coordinate x is monotonic in v on the piece that counts: the volume of poses
 is the integral of its slope, which fades where x turns back and poses end. Whether a place is on
-the piece about v = 0 is told by cells, column by column from v = 0 outwards. Columns of which it is
-not are bisected as long as the volume that they leave open matters.
+the piece about v = 0 is decided by cells, column by column from v = 0 outwards. Columns that stay
+open are bisected as long as the volume that they leave open matters.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _ALONG, _ACROSS = 256, 16
 _DEPTH, _LEAST_HALF = 8, 0.5**40
 #: Columns that are split at once, and how many there are before no more are split.
 _GROUP, _MOST_COLUMNS = 1 << 12, 1 << 18
-#: Cells whose signs are looked for at once, beyond the last one that is told.
+#: Cells whose signs are looked for at once, beyond the last one that is decided.
 _AHEAD = 4
-#: Pieces along v that a cell is cut into where its signs are not told as a whole.
+#: Pieces along v that a cell is cut into where its signs are not known as a whole.
 _PIECES = 8
 _BATCH = 1 << 14
-_DROPPED, _KEPT, _UNTOLD = 0, 1, 2
+_DROPPED, _KEPT, _UNDECIDED = 0, 1, 2
 
 
 @cache
@@ -111,7 +111,7 @@ class CurveEnclosure(Enclosure):
         self._direction = int(np.sign(self.evaluate(slopes, origin)[0, 0, 0]))
         self._mirrored = self._mirrors(graph, traced)
         self._ahead = _AHEAD
-        self._told: list[Boxes] = []
+        self._decided: list[Boxes] = []
         self._steps: list[tuple[int, int]] = []
         self._columns = self._examined(self._roots())
         self.open_measure = self._open_volume()
@@ -139,20 +139,20 @@ class CurveEnclosure(Enclosure):
             if axis in self._mirrored:
                 within[centres[:, k] < 0.5] = False
         signs = np.zeros((count, _ALONG, 2), dtype=np.int8)
-        kinds = np.full((count, _ALONG), _UNTOLD, dtype=np.int8)
+        kinds = np.full((count, _ALONG), _UNDECIDED, dtype=np.int8)
         return _Columns(
             centres, halves, np.full(count, -1), np.zeros(count, dtype=np.int64), np.zeros(count),
             np.full(count, -1), within, signs, kinds,
         )  # fmt: skip
 
     def _examined(self, columns: _Columns) -> _Columns:
-        """Return columns with what is told of their cells; cells told before stay as they are.
+        """Return columns with what is known of their cells; cells decided before stay so.
 
-        Takes those cells that are newly told to the boxes.
+        Adds the cells that are newly decided to the boxes.
         """
         within, signs, before = columns.within, columns.signs, columns.kinds
         boxes = self._cells(columns)
-        which = np.flatnonzero(((before == _UNTOLD) & within).ravel())
+        which = np.flatnonzero(((before == _UNDECIDED) & within).ravel())
         within = within.copy()
         within.reshape(-1)[which] = self._by_batches(
             lambda c, h: self._bounds(c, h)[1] > 0, boxes, which
@@ -174,9 +174,9 @@ class CurveEnclosure(Enclosure):
             rising, bending = signs.astype(np.int64).transpose(2, 1, 0)
             inner = _walk(rising[:half][::-1], -bending[:half][::-1])[::-1]
             kinds = np.concatenate([inner, _walk(rising[half:], bending[half:])]).T
-            # A few cells beyond the last one that is told.
-            rest = (kinds == _UNTOLD) & needed & ~asked
-            blocked = (kinds == _UNTOLD) & needed & asked
+            # A few cells beyond the last one that is decided.
+            rest = (kinds == _UNDECIDED) & needed & ~asked
+            blocked = (kinds == _UNDECIDED) & needed & asked
             counts = (rest | blocked).astype(np.int64)
             blocks = blocked.astype(np.int64)
             for side in (slice(half - 1, None, -1), slice(half, None)):
@@ -188,16 +188,16 @@ class CurveEnclosure(Enclosure):
                 break
             asked |= rest
             signs.reshape(-1, 2)[which] = self._by_batches(self._signs, boxes, which)
-        new = np.flatnonzero(((kinds == _KEPT) & (before == _UNTOLD) & within).ravel())
-        self._told.append((boxes[0][new], boxes[1][new]))
-        opening, first, held = self._opening(boxes, (kinds == _UNTOLD) & within)
-        within &= (kinds != _UNTOLD) | held
+        new = np.flatnonzero(((kinds == _KEPT) & (before == _UNDECIDED) & within).ravel())
+        self._decided.append((boxes[0][new], boxes[1][new]))
+        opening, first, held = self._opening(boxes, (kinds == _UNDECIDED) & within)
+        within &= (kinds != _UNDECIDED) | held
         return columns._replace(
             opening=opening, first=first, within=within, signs=signs, kinds=kinds.astype(np.int8)
         )
 
     def _start_signs(self, boxes: Boxes) -> NDArray[np.int64]:
-        """Return the signs of the slope at v = 0 of columns, 0 for untold."""
+        """Return the signs of the slope at v = 0 of columns, 0 for unknown."""
         first = slice(_ALONG // 2, None, _ALONG)
         centres, halves = boxes[0][first].copy(), boxes[1][first].copy()
         centres[:, self._axis], halves[:, self._axis] = 0.5, 0.0
@@ -258,10 +258,10 @@ class CurveEnclosure(Enclosure):
             return None
         sums = np.cumsum(columns.opening[order])
         rows = np.sort(order[: int(np.searchsorted(sums, share * sums[-1])) + 1])
-        told = len(self._told)
+        before = len(self._decided)
         for start in range(0, len(rows), _GROUP):
             self._split(rows[start : start + _GROUP])
-        return _joined(self._told[told:])
+        return _joined(self._decided[before:])
 
     def _split(self, rows: NDArray[np.int64]) -> None:
         """Bisect columns across the coordinate that the first open cell's signs depend on most."""
@@ -330,11 +330,11 @@ class CurveEnclosure(Enclosure):
         return centres.reshape(-1, size), halves.reshape(-1, size)
 
     def _signs(self, centres: Array, halves: Array) -> NDArray[np.int64]:
-        """Return the signs (N, 2) of the slope and of its change by v over boxes, 0 for untold."""
+        """Return the signs (N, 2) of the slope and of its change by v over boxes, 0 for unknown."""
         forms = self.evaluate(self._rates, self.inputs(centres, halves))
         least, most = extremes(forms)
-        told = np.where(least > 0, 1, np.where(most < 0, -1, 0)).T
-        rest = np.flatnonzero((told == 0).any(axis=1))
+        signs = np.where(least > 0, 1, np.where(most < 0, -1, 0)).T
+        rest = np.flatnonzero((signs == 0).any(axis=1))
         if len(rest) and halves[0, self._axis] > 0.1 / _ALONG:  # once more in pieces along v
             middles = np.repeat(centres[rest], _PIECES, axis=0)
             widths = np.repeat(halves[rest], _PIECES, axis=0)
@@ -343,14 +343,14 @@ class CurveEnclosure(Enclosure):
             middles[:, self._axis] += steps * widths[:, self._axis]
             pieces = self._signs(middles, widths).reshape(-1, _PIECES, 2)
             alike = (pieces == pieces[:, :1]).all(axis=1)
-            told[rest] = np.where(alike, pieces[:, 0], told[rest])
-        return np.asarray(told)
+            signs[rest] = np.where(alike, pieces[:, 0], signs[rest])
+        return np.asarray(signs)
 
     @staticmethod
     def _by_batches(
         function: Callable[[Array, Array], NDArray[Any]], boxes: Boxes, which: NDArray[np.int64]
     ) -> NDArray[Any]:
-        """Return what a function tells of some boxes."""
+        """Return what a function says of some boxes."""
         parts = [
             function(*(a[which[start : start + _BATCH]] for a in boxes))
             for start in range(0, max(len(which), 1), _BATCH)
@@ -358,7 +358,7 @@ class CurveEnclosure(Enclosure):
         return np.concatenate(parts)
 
     def _kind(self, centres: Array, halves: Array) -> NDArray[np.int8]:
-        """Return the kinds of boxes, _UNTOLD for those that are in no single cell."""
+        """Return the kinds of boxes, _UNDECIDED for those that are in no single cell."""
         axis, others = self._axis, self._others
         places, widths = centres[:, others].copy(), halves[:, others]
         for axis_, column in zip(others, places.T, strict=True):
@@ -384,11 +384,11 @@ class CurveEnclosure(Enclosure):
         along = np.clip((centres[:, axis] * _ALONG).astype(np.int64), 0, _ALONG - 1)
         fits &= np.abs(centres[:, axis] * _ALONG - along - 0.5) + halves[:, axis] * _ALONG <= 0.5
         kinds = np.where(columns.within[node, along], columns.kinds[node, along], _DROPPED)
-        return np.asarray(np.where(fits, kinds, _UNTOLD))
+        return np.asarray(np.where(fits, kinds, _UNDECIDED))
 
     def first(self) -> tuple[Array, Array, float]:
         """Return the cells that may hold places on the piece; see the base class."""
-        return (*_joined(self._told), 2.0 ** len(self._mirrored))
+        return (*_joined(self._decided), 2.0 ** len(self._mirrored))
 
     def whole(self) -> Boxes:
         """Return boxes that hold all poses that are not proven out of reach."""
@@ -396,10 +396,10 @@ class CurveEnclosure(Enclosure):
         for _ in range(_DEPTH):
             self.more(1.0)
         columns = self._columns
-        open_cells = (columns.kinds == _UNTOLD) & columns.within & (columns.child < 0)[:, None]
+        open_cells = (columns.kinds == _UNDECIDED) & columns.within & (columns.child < 0)[:, None]
         which = np.flatnonzero(open_cells.ravel())
         cells = self._cells(columns)
-        centres, halves = _joined([*self._told, (cells[0][which], cells[1][which])])
+        centres, halves = _joined([*self._decided, (cells[0][which], cells[1][which])])
         for axis in self._mirrored:
             mirror = centres.copy()
             mirror[:, axis] = 1.0 - mirror[:, axis]
@@ -489,7 +489,9 @@ def _walk(rising: NDArray[np.int64], bending: NDArray[np.int64]) -> NDArray[np.i
         ended |= rising[k] < 0
         kinds[k] = np.where(
             ended, _DROPPED,
-            np.where((inside & positive) | (known & down) | (falling & positive), _KEPT, _UNTOLD),
+            np.where(
+                (inside & positive) | (known & down) | (falling & positive), _KEPT, _UNDECIDED
+            ),
         )  # fmt: skip
         inside, falling = (inside | falling) & positive, known & down & ~positive
     return kinds

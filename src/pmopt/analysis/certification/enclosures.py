@@ -102,7 +102,7 @@ class Enclosure:
         return centres, halves, factor
 
     def more(self, share: float) -> Boxes | None:
-        """Return boxes to add that hold some of what ``open_measure`` told, which falls.
+        """Return boxes to add that hold some of what ``open_measure`` gave, which falls.
 
         Parameters
         ----------

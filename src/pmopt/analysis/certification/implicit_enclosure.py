@@ -1,8 +1,8 @@
 """What is proven of a mechanism whose kernel solves equations step by step.
 
 Over a box of poses the solution is enclosed by Krawczyk's operator about its linearisation: that it
-exists and is the only one nearby is proven, not assumed. Which solution of several is meant is told
-by continuity. The coordinates that the unknowns depend on are covered with cells, from home
+exists and is the only one nearby is proven, not assumed. Which solution of several is meant follows
+from continuity. The coordinates that the unknowns depend on are covered with cells, from home
 outwards: neighbours belong to one sheet of solutions where the root at a point of their common face
 is in both cells' enclosures. The cover ends in cells of the same sheet that are beyond a limit
 throughout; what is behind them is not connected with home through reachable poses.

@@ -96,7 +96,7 @@ def _inverses(matrices: Array) -> Array:
 def proven_signs(middles: Array, ranges: Array) -> NDArray[np.int64]:
     """Return the signs of the determinants of matrices, 0 where none is proven.
 
-    What elimination with pivoting tells is the determinant of a matrix that differs in each entry
+    Elimination with pivoting gives the determinant of a matrix that differs in each entry
     by less than _BACKWARD times the greatest (Higham): it has the sign of all that are proven
     regular together with it.
     """

@@ -360,9 +360,9 @@ def _weighed(enclosure: Enclosure, centres: Array, halves: Array, weights: Array
         gaps.append((high - low).reshape(2, -1).sum(axis=0))
     stacked = np.stack(gaps)
     # Where all are alike nothing is learnt.
-    telling = stacked.min(axis=0) < stacked.max(axis=0) * (1 - 1e-6)
+    differing = stacked.min(axis=0) < stacked.max(axis=0) * (1 - 1e-6)
     size = len(weights)
-    best = np.bincount(stacked.argmin(axis=0)[telling], minlength=size)
-    taken = np.bincount(np.argmax(halves * weights, axis=1)[telling], minlength=size)
-    change = (best - taken) / max(int(telling.sum()), 1)
+    best = np.bincount(stacked.argmin(axis=0)[differing], minlength=size)
+    taken = np.bincount(np.argmax(halves * weights, axis=1)[differing], minlength=size)
+    change = (best - taken) / max(int(differing.sum()), 1)
     return np.asarray(weights * exp_of(_LEARNT * change * math.log(2)))

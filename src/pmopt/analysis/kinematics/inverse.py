@@ -253,5 +253,5 @@ def _not_reached(
         for r in mechanism.reach(parameters, pose)
         if r.distance < 0
     ]
-    told = "; ".join(misses) or "the limbs cannot be assembled there"
-    return UnreachableError(f"{where}: {shown(pose)} is out of reach: {told}")
+    reason = "; ".join(misses) or "the limbs cannot be assembled there"
+    return UnreachableError(f"{where}: {shown(pose)} is out of reach: {reason}")

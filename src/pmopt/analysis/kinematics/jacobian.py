@@ -131,8 +131,8 @@ class JacobianResult(OfSubject):
 
 def _spread(words: str, rows: int, columns: int) -> list[list[str]]:
     """Return the unit of each entry of a matrix, from :meth:`Mechanism.velocity_map_units`."""
-    kind, told, listed = words.partition(",")[0].partition(" in ")
-    units = (listed if told else kind).split("; ")
+    kind, separator, listed = words.partition(",")[0].partition(" in ")
+    units = (listed if separator else kind).split("; ")
     if len(units) == 1:
         units *= max(rows, columns)
     return [[units[k if kind == "columns" else i] for k in range(columns)] for i in range(rows)]

@@ -207,7 +207,7 @@ class FullCycle:
 
 @dataclass(frozen=True)
 class MobilityResult(OfSubject):
-    """All that the declared joints tell of a mechanism's mobility.
+    """All that the declared joints say about a mechanism's mobility.
 
     ``local_freedoms`` move limbs while the platform rests; ``rank_gap`` is the least singular
     value kept and the largest dropped where the platform's freedoms were counted.
@@ -409,7 +409,7 @@ def analyse(
     samples: int = DEFAULT_SAMPLES,
     seed: int = 1,
 ) -> dict[str, Any]:
-    """Return what limbs that meet in one platform tell, as fields of :class:`MobilityResult`.
+    """Return what limbs that meet in one platform say, as fields of :class:`MobilityResult`.
 
     Parameters
     ----------
@@ -418,7 +418,7 @@ def analyse(
     centre : (3,) float64
         Of the platform.
     length : float
-        Lengths are divided by it before ranks are told.
+        Lengths are divided by it before ranks are counted.
     samples, seed : int
         Of the full-cycle check.
     """

@@ -373,7 +373,7 @@ def readable(
     centre, length
         What the lengths were scaled by.
     marks : list of (3,) float64
-        Points, scaled, that lines are preferably told by: joint centres.
+        Points, scaled, that lines are preferably given by: joint centres.
     """
     if not space.shape[1]:
         return ()

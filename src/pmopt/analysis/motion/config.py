@@ -53,7 +53,7 @@ Gain = FiniteFloat | dict[str, FiniteFloat] | None
 Inertia = Triple | Annotated[tuple[Row, Row, Row], Field(strict=False)]
 #: Most instants of a motion.
 MAX_INSTANTS = 1_000_000
-#: kg and kg m^2: beyond them products with accelerations leave what doubles can tell.
+#: kg and kg m^2: beyond them products with accelerations leave what doubles can resolve.
 LARGEST_MASS, LARGEST_INERTIA = 1e12, 1e18
 #: What limits can be set on beside positions: rates and accelerations of all joints, efforts and
 #: power of actuated ones.
@@ -217,10 +217,10 @@ class TrajectorySettings(BaseModel):
         sources = [k for k in ("waypoints", "gate", "file") if getattr(self, k) is not None]
         sources += ["expressions"] if self.expressions else []
         if len(sources) != 1:
-            told = " and ".join(sources) or "none"
+            given = " and ".join(sources) or "none"
             raise ValueError(
                 f"one of waypoints, gate, file or an expression for each coordinate is needed, "
-                f"{told} given"
+                f"{given} given"
             )
         for key, value in self.expressions.items():
             number = as_number(value)
@@ -696,7 +696,7 @@ def _tensor(given: Inertia, where: str) -> Matrix:
 
 
 def _check_size(body: MassProperties, mechanism: Mechanism, where: str) -> None:
-    """Refuse a body beyond what forces and energies can be told of."""
+    """Refuse a body too large for forces and energies to be computed."""
     sizes = {
         "mass": (body.mass, LARGEST_MASS, "kg"),
         "centre": (float(np.abs(body.centre).max()), LARGEST_COORDINATE, mechanism.length_unit),
@@ -723,8 +723,8 @@ def _bodies(
             getattr(settings, k) is not None for k in ("limb", "joint", "part")
         )
         if known is None and settings.limb is None:
-            told = f"limb and joint, of a further body, or a name of {', '.join(bodies)}"
-            raise InputError(f"{place}: limb is missing: {told if bodies else 'limb and joint'}")
+            needed = f"limb and joint, of a further body, or a name of {', '.join(bodies)}"
+            raise InputError(f"{place}: limb is missing: {needed if bodies else 'limb and joint'}")
         limb, joint, part = (
             _link(settings, mechanism, place) if moved else (known.limb, known.joint, known.part)  # type: ignore[union-attr]
         )

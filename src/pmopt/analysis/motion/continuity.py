@@ -2,7 +2,7 @@
 
 An inverse map gives angles in (-pi, pi]. Along a motion a joint turns on: from one instant to the
 next its rate says by how much, and what differs from that by whole turns is the same joint. Where
-a step is too long to tell, the motion between the two instants is looked at.
+a step is too long to decide it, the motion between the two instants is looked at.
 """
 
 from __future__ import annotations

@@ -41,15 +41,16 @@ class Courses:
         Of the motion.
     state : State
         At its poses.
-    told : (N,) bool
+    determined : (N,) bool
         Where the motion is known.
     """
 
     def __init__(
         self, mover: Mover, trajectory: Trajectory, pose: Course, state: State,
-        told: NDArray[np.bool_],
+        determined: NDArray[np.bool_],
     ) -> None:  # fmt: skip
-        self.mover, self.trajectory, self.pose, self.told = mover, trajectory, pose, told
+        self.mover, self.trajectory = mover, trajectory
+        self.pose, self.determined = pose, determined
         self.plain = _plain_courses(mover, state)
 
     def limited(self, limits: Ranges) -> tuple[dict[str, Course], list[Span]]:
@@ -84,7 +85,7 @@ class Courses:
             courses = _plain_courses(self.mover, self.mover.state(poses, none, none))
             return courses[kind].values[:, angles]
 
-        known = self.told[:, None]
+        known = self.determined[:, None]
         position, rate, acceleration = (
             np.where(known, part[:, angles], np.nan)
             for part in (course.values, course.rates, course.accelerations)
@@ -96,7 +97,7 @@ class Courses:
     def _beyond(self, name: str, values: Vector, limits: tuple[float, float]) -> list[Span]:
         """Return where a joint has turned out of its limits, though its direction keeps them."""
         low, high = limits
-        miss = np.where(self.told, beyond_limits(values, limits), 0.0)
+        miss = np.where(self.determined, beyond_limits(values, limits), 0.0)
         spans = []
         for first, last in stretches(miss > 0):
             worst = first + int(np.argmax(miss[first : last + 1]))
@@ -109,7 +110,7 @@ class Courses:
 
 
 def followed_coordinates(mechanism: Mechanism) -> tuple[Coordinate, ...]:
-    """Return the passive joints that a motion tells, as coordinates.
+    """Return the passive joints that a motion follows, as coordinates.
 
     One that stands for a joint of every limb (``theta4`` of ``theta4_1``) lends its kind.
     """

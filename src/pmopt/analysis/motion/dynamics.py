@@ -67,7 +67,7 @@ class State:
     inverse_jacobian : (N, n, n)
         q' by X'.
     valid : (N,) bool
-        False where the joints do not tell the motion.
+        False where the joints do not determine the motion.
     """
 
     joints: Values
@@ -132,7 +132,7 @@ class Mover:
     Raises
     ------
     InputError
-        If the mechanism does not tell its motion, or a body is on a joint it does not have.
+        If the mechanism does not declare how it moves, or a body is on a joint it does not have.
     """
 
     def __init__(
@@ -251,7 +251,7 @@ class Mover:
         """Return what holds at poses (N, n) with these rates and accelerations, mechanism's units.
 
         There is a ``mass_matrix`` only with ``masses``, and there are no centres without
-        ``centres``. Poses have to be reachable; what is not told is NaN.
+        ``centres``. Poses have to be reachable; what is not known is NaN.
         """
         mechanism = self.mechanism
         n, columns, count = len(mechanism.joints), self._columns, len(poses)

@@ -77,10 +77,10 @@ class Formula:
             place = int(np.argmax(bad.any(axis=0)))
             order = int(np.argmax(bad[:, place]))
             value = float(jet[order][place])
-            told = "not defined" if math.isnan(value) else f"{value:g}"
+            shown = "not defined" if math.isnan(value) else f"{value:g}"
             raise InputError(
                 f"{self.where}: {_shown(self.text)}: at t={float(t[place])!r} s "
-                f"{('it', 'its rate', 'its acceleration')[order]} is {told}: at most {_LARGEST:g} "
+                f"{('it', 'its rate', 'its acceleration')[order]} is {shown}: at most {_LARGEST:g} "
                 "in size is allowed"
             )
         return jet

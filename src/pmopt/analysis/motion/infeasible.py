@@ -52,10 +52,10 @@ def out_of_reach(
 
 
 def unknown(lost: NDArray[np.bool_]) -> list[Span]:
-    """Return where poses are reached but do not tell how the mechanism moves."""
+    """Return where poses are reached but do not determine how the mechanism moves."""
     text = (
-        "the pose's angles do not tell the motion (pitch at 90 degrees), or joints of a limb are "
-        "dependent there"
+        "the pose's angles do not determine the motion (pitch at 90 degrees), or joints of a "
+        "limb are dependent there"
     )
     return [Span(a, b, a, "coordinates", 0.0, "rad", text) for a, b in stretches(lost)]
 

@@ -143,23 +143,23 @@ def compute_motion(
     state = mover.state(
         np.where(feasible[:, None], poses, np.nan), rates, accelerations, centres=False
     )
-    told = feasible & state.valid
+    determined = feasible & state.valid
     spans += unknown(feasible & ~state.valid)
-    singular = met_singularities(state, told, index, trajectory.t)
+    singular = met_singularities(state, determined, index, trajectory.t)
     jets = Jets(poses, rates, accelerations)
 
     def index_at(values: Values) -> Vector:
         return sampler.evaluator.field(design, np.ascontiguousarray(values.T))[1]
 
     touched, near = touched_singularities(
-        trajectory.t, jets, told & (index >= SINGULAR), index_at, singular
+        trajectory.t, jets, determined & (index >= SINGULAR), index_at, singular
     )
     singular = sorted([*singular, *touched], key=lambda span: span.first)
     if loads.efforts:
-        told &= index >= SINGULAR
+        determined &= index >= SINGULAR
         spans += singular
     pose = Course(mechanism.pose, poses, rates, accelerations)
-    courses = Courses(mover, trajectory, pose, state, told)
+    courses = Courses(mover, trajectory, pose, state, determined)
     angular = np.concatenate([
         angular_motion(state.platform[k : k + _ROWS]) for k in range(0, len(poses), _ROWS)
     ])  # fmt: skip
@@ -173,13 +173,13 @@ def compute_motion(
     del courses
     spans += beyond
     for span in beyond:
-        told[span.first : span.last + 1] = False
+        determined[span.first : span.last + 1] = False
     spans.sort(key=lambda span: (span.first, span.last))
     subject = Subject.of(
         mechanism, parameters, mode, _extents(mechanism.pose, poses), design.limits
     )
     motion = replace(
-        _assembled(mover, subject, _Found(trajectory.t, pose, turned, state, angular), told),
+        _assembled(mover, subject, _Found(trajectory.t, pose, turned, state, angular), determined),
         infeasible=tuple(spans),
         singular=tuple(singular),
     )
@@ -213,7 +213,7 @@ def _assembled(
     lost = ~known_at
 
     def masked(values: Values) -> Values:
-        """Return an array of this motion's own with NaN where nothing is told, in its place.
+        """Return an array of this motion's own with NaN where nothing is known, in its place.
 
         Of a long motion there is no room for second copies.
         """

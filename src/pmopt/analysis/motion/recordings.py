@@ -246,10 +246,10 @@ def residuals(
     found = []
     for k, coordinate in enumerate(coordinates):
         difference = fitted[:, k] - recording.values[:, k]
-        told: dict[str, Any] = {}
+        harmonic: dict[str, Any] = {}
         if harmonics is not None:
             sine, cosine = harmonics.sine[:, k], harmonics.cosine[:, k]
-            told = {
+            harmonic = {
                 "period": float(harmonics.period[k]),
                 "offset": float(harmonics.offset[k]),
                 "amplitudes": tuple(map(float, np.hypot(sine, cosine))),
@@ -258,7 +258,7 @@ def residuals(
         found.append(
             Residual(
                 coordinate.name, mechanism.unit(coordinate), len(recording.t),
-                float(np.sqrt((difference**2).mean())), float(np.abs(difference).max()), **told,
+                float(np.sqrt((difference**2).mean())), float(np.abs(difference).max()), **harmonic,
             )
         )  # fmt: skip
     return tuple(found)

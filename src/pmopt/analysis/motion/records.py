@@ -95,10 +95,10 @@ class Approach:
 
     def text(self, units: Mapping[str, str]) -> str:
         """Return the approach in words; ``units`` are those of efforts by joint."""
-        told = ", ".join(f"{k} {v:.4g} {units[k]}" for k, v in self.efforts.items())
+        listed = ", ".join(f"{k} {v:.4g} {units[k]}" for k, v in self.efforts.items())
         return (
             f"near a singularity at t = {self.t:.9g} s (LCI = {self.lci:.3g}), where efforts peak: "
-            f"{told}; at other instants they are smaller"
+            f"{listed}; at other instants they are smaller"
         )
 
 

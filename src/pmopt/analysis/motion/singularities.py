@@ -25,7 +25,7 @@ from pmopt.mechanisms.mechanism import (
 SINGULAR = 1e-9
 #: A least LCI below this share of the motion's median is an approach worth a word.
 _APPROACH = 0.2
-#: Efforts that grow by so much between the instants are told.
+#: Efforts that grow by so much between the instants are reported.
 _GROWS = 1.01
 
 
@@ -39,16 +39,16 @@ def met_singularities(
         Span(a, b, a, "singularity", float(index[a]), "1", f"LCI = {index[a]:.3g}: {words}")
         for a, b in stretches(near)
     ]
-    told = np.flatnonzero(feasible & ~near)
+    determined = np.flatnonzero(feasible & ~near)
     with np.errstate(invalid="ignore"):
         sign = np.sign(np.linalg.det(np.where(
             state.valid[:, None, None], state.inverse_jacobian, 0.0
         )))  # fmt: skip
-    for a, b in pairwise(told.tolist()):
-        # What lies between two instants that are told is singular or out of reach.
+    for a, b in pairwise(determined.tolist()):
+        # What lies between two determined instants is singular or out of reach.
         if sign[a] != sign[b] and (b == a + 1 or near[a + 1 : b].all()):
             if b > a + 1:
-                continue  # told above
+                continue  # reported above
             text = f"between t = {t[a]:.9g} s and t = {t[b]:.9g} s {words}"
             worst = a if index[a] < index[b] else b
             spans.append(Span(a, b, worst, "singularity", float(index[worst]), "1", text))
@@ -58,7 +58,7 @@ def met_singularities(
 def touched_singularities(
     t: Vector,
     jets: Jets,
-    told: NDArray[np.bool_],
+    determined: NDArray[np.bool_],
     index: Callable[[Values], Vector],
     spans: Sequence[Span],
 ) -> tuple[list[Span], Least]:
@@ -69,14 +69,14 @@ def touched_singularities(
     t : (N,) float64
     jets : Jets
         Of the pose.
-    told : (N,) bool
+    determined : (N,) bool
         Where the motion is known.
     index : callable
         Returns the LCI at poses (M, n).
     spans : sequence of Span
         Singular ones that are known already.
     """
-    least = least_sizes(t, jets, told, index)
+    least = least_sizes(t, jets, determined, index)
     covered = np.zeros(len(t), dtype=bool)
     for span in spans:
         covered[span.first : span.last + 1] = True
@@ -114,11 +114,11 @@ def approaches(
     result = []
     for k in np.argsort(times, kind="stable").tolist():
         beside = np.abs(motion.effort[first[k] : first[k] + 2]).max(axis=0) >= peaks
-        told = {
+        grown = {
             name: float(found[k, j])
             for j, name in enumerate(names)
             if abs(found[k, j]) > _GROWS * peaks[j] or (beside[j] and peaks[j] > 0)
         }
-        if told:
-            result.append(Approach(float(times[k]), float(size[k]), told))
+        if grown:
+            result.append(Approach(float(times[k]), float(size[k]), grown))
     return tuple(result)

@@ -81,7 +81,7 @@ def _place(task: MotionTask) -> str:
 
 
 def _built(
-    task: MotionTask, t: Vector, parts: tuple[Values, Values, Values], **told: Any
+    task: MotionTask, t: Vector, parts: tuple[Values, Values, Values], **details: Any
 ) -> Planned:
     """Return the trajectory, its values checked."""
     for k, coordinate in enumerate(task.driven):
@@ -92,7 +92,7 @@ def _built(
                 f"{_place(task)}: {coordinate.name}={value:g} at t={time:g} s is not allowed: at "
                 f"most {LARGEST_COORDINATE:g} {task.mechanism.unit(coordinate)} in size"
             )
-    return Planned(Trajectory(task.config.trajectory.space, t, *parts), **told)
+    return Planned(Trajectory(task.config.trajectory.space, t, *parts), **details)
 
 
 def _stacked(jets: list[Jet]) -> tuple[Values, Values, Values]:
@@ -136,10 +136,10 @@ def _from_waypoints(task: MotionTask) -> Planned:
         ("max_rate or max_acceleration", limited),
     ) if on]  # fmt: skip
     if len(said) != 1:
-        told = " and ".join(said) or "nothing"
+        given = " and ".join(said) or "nothing"
         raise InputError(
-            f"{where}: how long it takes is told by one of duration, times t of the waypoints, "
-            f"max_rate and max_acceleration: {told} given"
+            f"{where}: how long it takes is given by one of duration, times t of the waypoints, "
+            f"max_rate and max_acceleration: {given} given"
         )
     blend = settings.blend
     if limited:
@@ -153,7 +153,7 @@ def _from_waypoints(task: MotionTask) -> Planned:
         for k in np.flatnonzero(~(spans > 0))[:1]:
             raise InputError(
                 f"{where}: waypoints {k + 1} and {k + 2} differ in nothing that max_rate or "
-                "max_acceleration limit: how long it takes is not told"
+                "max_acceleration limit: how long it takes is not given"
             )
         times = np.insert(np.cumsum(spans + settings.dwell), 0, 0.0)
     else:
@@ -180,9 +180,9 @@ def _from_waypoints(task: MotionTask) -> Planned:
     notes = []
     if settings.through and trapezoidal and len(points) > 2:
         missed = np.abs(path(times[1:-1]) - points[1:-1]).max(axis=0)
-        told = ", ".join(f"{c.name} {value:.3g} {task.mechanism.unit(c)}"
+        shown = ", ".join(f"{c.name} {value:.3g} {task.mechanism.unit(c)}"
                          for c, value in zip(task.driven, missed, strict=True))  # fmt: skip
-        notes.append(f"inner waypoints are passed, not met; largest misses: {told}")
+        notes.append(f"inner waypoints are passed, not met; largest misses: {shown}")
     return _built(task, t, _evaluated(path, t), notes=tuple(notes))
 
 
@@ -211,21 +211,21 @@ def _waypoints(task: MotionTask) -> tuple[Values, Vector | None]:
         if TIME in row and (time is None or not abs(time) <= LARGEST_COORDINATE):
             raise InputError(f"{where}: t={row['t']} is not allowed: a number in s is needed")
         times.append(time)
-    told = [time for time in times if time is not None]
-    if not told:
+    known = [time for time in times if time is not None]
+    if not known:
         return np.array(points), None
     for number, time in enumerate(times, start=1):
         if time is None:
             raise InputError(
                 f"{_place(task)}: waypoint {number}: t is missing: all waypoints have one or none"
             )
-    for k, (first, second) in enumerate(zip(told, told[1:], strict=False), start=1):
+    for k, (first, second) in enumerate(zip(known, known[1:], strict=False), start=1):
         if not first < second:
             raise InputError(
                 f"{_place(task)}: waypoint {k + 1}: t={second:g} s does not come after t={first:g} "
                 "s of the one before"
             )
-    return np.array(points), np.array(told)
+    return np.array(points), np.array(known)
 
 
 def _from_gate(task: MotionTask) -> Planned:

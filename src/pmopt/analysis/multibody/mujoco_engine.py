@@ -74,7 +74,7 @@ def _quiet() -> Iterator[None]:
 
 
 class Followed(NamedTuple):
-    """What the engine's inverse dynamics tell of N instants.
+    """What the engine's inverse dynamics give for N instants.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Engine:
     actuated : sequence of str
         Joints in the order of all arrays.
     bodies : sequence of str
-        Bodies whose centres are told.
+        Bodies whose centres are reported.
 
     Raises
     ------
@@ -282,7 +282,7 @@ class Engine:
         """Return the mass or inertia (n,) that each actuated joint feels, the others free.
 
         At the model's own pose, kg or kg m^2: 1 / (M^-1)_ii of the mass matrix by these joints,
-        which inverse dynamics at rest tell column by column.
+        which inverse dynamics at rest give column by column.
         """
         q = np.array(self.model.qpos0)
         partial, _ = self.partial(q)

@@ -1,7 +1,7 @@
 """Aspects: the connected singularity-free regions of a workspace (Borrel and Liegeois, 1986).
 
 Within a working mode the reachable poses split where the determinant of the inverse Jacobian
-changes sign, at a forward or a constraint singularity. Regions of one sign are told apart on a grid
+changes sign, at a forward or a constraint singularity. Regions of one sign are separated on a grid
 of cells; a pose belongs to the region of its sign that is nearest in the grid.
 """
 

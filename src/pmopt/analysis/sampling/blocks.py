@@ -38,13 +38,13 @@ def blocks_on(
     done: Done,
 ) -> Iterator[Tallies]:  # fmt: skip
     """Yield the tallies of blocks in order, computed on a cluster; see :meth:`Sampler.blocks`."""
-    told = pickle.dumps(
+    packed = pickle.dumps(
         (sampler.space.mechanism.name, sampler.space.settings, sampler.seed, sampler.purpose)
     )
     ranges = list(block_ranges(first, last, points.replicates))
     size = min(_MOST, max(1, len(ranges) // (_TASKS * cluster.threads)))
     works = (
-        _Work(told, design, points.replicates, points.cells, tuple(ranges[k : k + size]))
+        _Work(packed, design, points.replicates, points.cells, tuple(ranges[k : k + size]))
         for k in range(0, len(ranges), size)
     )
     ends = iter(ranges)
@@ -67,6 +67,6 @@ def sum_blocks(work: _Work) -> list[Tallies]:
 
 
 @lru_cache(maxsize=8)
-def _sampler(told: bytes) -> Sampler:
-    name, settings, seed, purpose = pickle.loads(told)
+def _sampler(packed: bytes) -> Sampler:
+    name, settings, seed, purpose = pickle.loads(packed)
     return make_sampler(find(name), settings, seed, threads=1).for_purpose(purpose)

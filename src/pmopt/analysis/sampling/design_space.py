@@ -34,7 +34,7 @@ _TOUCHING = 1e-9
 class Design:
     """One design ready to be evaluated: kernel constants and the box its points fill.
 
-    ``cut`` (d, 2) tells which faces of the box, lower and upper, cut off what can be reached.
+    ``cut`` (d, 2) says which faces of the box, lower and upper, cut off what can be reached.
     ``given`` is the domain as it was given, the box's own ends in the place of infinite ones and of
     coordinates without; ``void`` says that no pose in reach is in the domain, proven.
     """

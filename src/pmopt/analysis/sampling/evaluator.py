@@ -30,7 +30,7 @@ _FEW = 4096
 
 @dataclass(frozen=True)
 class Facts:
-    """What the kernel and the skeleton tell of N poses.
+    """What the kernel and the skeleton give for N poses.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ class Evaluator:
         return margin, lci
 
     def probe(self, design: Design, poses: NDArray[np.float64]) -> Facts:
-        """Return what kernel and skeleton tell of given poses, shape (d, N)."""
+        """Return what kernel and skeleton give for given poses, shape (d, N)."""
         mechanism = self.space.mechanism
         n, segments, size = len(mechanism.joints), len(mechanism.segments), poses.shape[1]
         facts = np.empty((1 + n * n + PLACE + 6 * segments + len(mechanism.cones), size))
@@ -273,7 +273,7 @@ class Evaluator:
         some = self.shadow(design, self.points(design, points, first, min(last, first + _FEW)))
         if len(some) == 0 or self.space.settings.min_lci > 0:
             return self.shadow(design, self.points(design, points, first, last))
-        # A few poses tell about how far the strips must reach.
+        # A few poses show about how far the strips must reach.
         reach = max(1.2 * float(np.ptp(some[:, 0])), 1e-300)
         edge = float(some[:, 0].min()) - reach / 12
         lowest = np.full((_STRIPS + 1, 2), np.inf)

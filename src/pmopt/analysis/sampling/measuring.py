@@ -75,7 +75,7 @@ class Course:
 
 
 def planned_samples(settings: WorkspaceSettings) -> int:
-    """Return the samples of a run that is told neither a grid nor a target error."""
+    """Return the samples of a run that is given neither a grid nor a target error."""
     default = FIELD_SAMPLES if settings.aspect or settings.block else DEFAULT_SAMPLES
     return settings.samples or default
 

@@ -153,7 +153,7 @@ class Sampler:
         """Yield the tallies of the blocks of a range of points in order, on all threads.
 
         A block's tallies are those of its chunks added in order, wherever they are computed.
-        ``done`` is told how many points are, after every chunk.
+        ``done`` receives how many points are done, after every chunk.
         """
         replicates = points.replicates
         chunks = self.stream(design, points, chunk_ranges(first, last, replicates))

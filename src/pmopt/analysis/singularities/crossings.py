@@ -30,7 +30,7 @@ class Crossing:
 
     ``row`` counts the rows of the path from 1, with a fraction between them, ``until`` is the last
     row of a stretch that is singular throughout; ``time`` is interpolated like the pose, None
-    without times. ``changes_sign`` tells whether the determinant has the other sign behind.
+    without times. ``changes_sign`` says whether the determinant has the other sign behind.
     """
 
     kind: str

@@ -27,7 +27,7 @@ from pmopt.seeds import seed_sequence
 
 #: A slice is singular if no pose of it has a larger index.
 _SINGULAR = 1e-7
-#: Reachable poses of a slice that are looked at, the least number that tells anything, and how
+#: Reachable poses of a slice that are looked at, the least number that says anything, and how
 #: many are drawn for one that is to be reachable.
 _POSES, _LEAST, _DRAWN = 96, 24, 64
 #: Most draws for a slice that only few poses of its other coordinates reach.

@@ -185,7 +185,7 @@ def find_singularities(
     threads : int, optional
         The result is the same for any number.
     grid : int, optional
-        Cells along each axis on which aspects are told apart.
+        Cells along each axis on which aspects are distinguished.
     notify : callable, optional
 
     Raises

@@ -1,6 +1,6 @@
 """Least sizes: singularities that are touched and not crossed.
 
-Where a determinant touches 0, as at every zero of even order, no change of sign tells. Its size
+Where a determinant touches 0, as at every zero of even order, no change of sign shows it. Its size
 has a least value there, which is sought between the points that bracket it.
 """
 

@@ -56,7 +56,7 @@ _LARGEST = 1e9
 _PART = 1 << 14
 #: Poses whose demands are kept, at most; those of more are counted.
 _MOST_KEPT = 1 << 21
-#: Bits of the fraction that tell a bin, octaves of bins, and the first bits of the lowest, 2**-40.
+#: Bits of the fraction that give a bin, octaves of bins, and the first bits of the lowest, 2**-40.
 _BITS, _OCTAVES = 12, 100
 _LOWEST = (1023 - 40) << _BITS
 #: Settings of the workspace that change what is found.
@@ -203,7 +203,7 @@ class Capability(OfSubject):
         def finite(value: float) -> float | None:
             return value if math.isfinite(value) else None
 
-        def told(estimate: Quantity) -> dict[str, float | None]:
+        def pair(estimate: Quantity) -> dict[str, float | None]:
             return {"value": finite(estimate.value), "standard_error": finite(estimate.error)}
 
         payload = self.task.payload
@@ -216,15 +216,15 @@ class Capability(OfSubject):
                 "payload": 0.0 if payload is None else payload.mass,
             },
             "moved": self.task.moved(find(self.mechanism)),
-            "volume": told(self.volume),
-            "capable": told(self.capable),
-            "share": told(self.share),
+            "volume": pair(self.volume),
+            "capable": pair(self.capable),
+            "share": pair(self.share),
             "demands": [
                 {
                     "name": demand.name,
                     "limit": demand.limit,
-                    "needed": {str(s): told(e) for s, e in zip(SHARES, demand.levels, strict=True)},
-                    "volume": told(demand.volume),
+                    "needed": {str(s): pair(e) for s, e in zip(SHARES, demand.levels, strict=True)},
+                    "volume": pair(demand.volume),
                 }
                 for demand in self.demands
             ],
@@ -558,7 +558,7 @@ class _Exact:
 class _Binned:
     """Demands of any number of poses, counted in bins an equal share of their size wide.
 
-    A bin is what the first bits of a double tell: its exponent and ``_BITS`` bits of its fraction.
+    A bin is what the first bits of a double give: its exponent and ``_BITS`` bits of its fraction.
     """
 
     #: Half the width of a bin over its place, at most.

@@ -43,7 +43,7 @@ _CELL = 1.5
 _MOST_WIDENINGS = 6
 #: The share of what is reached that may lie at the box's faces.
 _NEGLIGIBLE = 1e-3
-#: The share of the positions, one in so many, that tell how wide it is.
+#: The share of the positions, one in so many, that show how wide it is.
 _OUTLINED = 16
 #: Of the positions not found, every so many is searched for again, from how many and how long.
 _AUDITED = 8
@@ -175,7 +175,7 @@ def measure_positions(
         )
         * 2.0**-64
     )
-    # Few positions tell about how far the box must reach, then all of them are searched.
+    # Few positions show about how far the box must reach, then all of them are searched.
     few = max(each // _OUTLINED, min(each, _FEWEST // _REPLICATES))
     for turn in range(_MOST_WIDENINGS):
         whole = turn == _MOST_WIDENINGS - 1 or few == each

@@ -33,7 +33,7 @@ _REPLICATES = 4
 #: Points that fall into a voxel on average: fewer would leave holes by chance.
 _POINTS_A_VOXEL = 24
 _MOST_VOXELS = 128
-#: Fewer reachable poses tell nothing of the positions.
+#: Fewer reachable poses say nothing about the positions.
 _LEAST_POSES = 8
 #: The same for a picture, whose holes by chance are closed, and the empty voxels around it.
 _POINTS_A_PICTURED = 6
@@ -152,7 +152,7 @@ def measure_projection(
 
 
 def _nothing(footprint: Quantity, unit: str) -> Projection:
-    """Return the measures where positions are too few to tell anything."""
+    """Return the measures where positions are too few to say anything."""
     nothing = Quantity(math.nan, math.nan, unit)
     return Projection(nothing, footprint, Topology(0, (), 0, 0, 0, True), 0)
 
@@ -202,7 +202,7 @@ def _footprint(corners: list[NDArray[np.float64]], axes: int) -> Quantity:
     """Return the area of the hull of points from the hulls of parts of them.
 
     A hull of N points is too small. Where the extremes of d coordinates lie on one smooth limit,
-    what is missing falls with N^(-2 / (d + 1)): what the parts together have added tells how much
+    what is missing falls with N^(-2 / (d + 1)): what the parts together have added shows how much
     more all points would.
     """
     areas = np.array([area(c) for c in corners])

@@ -4,7 +4,7 @@ A cell belongs to a set if the set passes through it, judged by the cell's corne
 continuous, so that a cell with corners at 0.05 and 0.4 holds poses of the region between. Cells
 taken by their centres would tear a shell thinner than a cell (low dexterity along the boundary
 of the workspace, where the index falls to 0 with the root of the distance) into thousands of bits.
-Sets closer to each other than a cell are therefore joined; a second grid tells where that matters.
+Sets closer to each other than a cell are therefore joined; a second grid shows where that matters.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pmopt.execution.threads import ordered_map
 #: Cells per axis by number of pose coordinates, and the most corners of cells in all.
 DEFAULT_GRIDS = {1: 4096, 2: 512, 3: 96, 4: 28, 5: 14, 6: 9}
 MOST_CORNERS = 1 << 25
-#: The same count on this share of the cells tells whether it depends on the resolution.
+#: The same count on this share of the cells shows whether it depends on the resolution.
 _COARSER = 2 / 3
 #: Smaller pieces and voids than this share of the set's cells are specks, counted apart.
 _SPECK_SHARE = 1e-3
@@ -46,7 +46,7 @@ class Topology:
     pockets : int
         Holes that are closed by the domain's boundary only, e.g. a cavity open to its floor.
     specks : int
-        Pieces and voids of less than 0.1 % of the set's cells: too small for the grid to tell.
+        Pieces and voids of less than 0.1 % of the set's cells: too small for the grid to resolve.
     confirmed : bool
         Whether a grid of two thirds as many cells an axis counts the same pieces, voids, pockets.
     """
@@ -138,7 +138,7 @@ def _topologies(evaluator: Evaluator, design: Design, cells: int) -> list[Topolo
 
 
 def _any_corner(values: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell of each cell whether it holds for a corner."""
+    """Return for each cell whether it holds for a corner."""
     for axis in range(values.ndim):
         along = np.moveaxis(values, axis, 0)
         values = np.moveaxis(along[:-1] | along[1:], 0, axis)

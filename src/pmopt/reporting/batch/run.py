@@ -404,7 +404,7 @@ class Batch:
 
     @contextlib.contextmanager
     def _beacon(self) -> Iterator[str]:
-        """Give the key that tells workers they are wanted, as long as its file has it."""
+        """Give the key that shows workers they are wanted, as long as its file has it."""
         path, key = self.folder / LOCK, uuid.uuid4().hex
         try:
             # A link there would lead out of the folder.

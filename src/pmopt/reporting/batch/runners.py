@@ -193,7 +193,7 @@ class Runner(ABC):
             raise InputError(f"{folder}: its manifest.json is damaged") from None
 
     def done(self, folder: Path) -> float | None:
-        """Return the share of a running run that is done, None where nothing tells."""
+        """Return the share of a running run that is done, None where it is not known."""
         return None
 
     def finished(self, folder: Path) -> bool:
@@ -463,7 +463,7 @@ RUNNERS: dict[str, type[Runner]] = {
 def resolve(data: dict[str, Any], where: str) -> Runner:
     """Return the run that a configuration describes.
 
-    ``command`` names what runs it; without it some key of one command tells, else it is
+    ``command`` names what runs it; without it a key that only one command has decides, else it is
     ``pareto``.
 
     Raises

@@ -25,7 +25,7 @@ from pmopt.storage.checkpoint import differences
 if TYPE_CHECKING:
     pass
 
-#: The batch's summary, and the file that tells workers that it is alive.
+#: The batch's summary, and the file that shows workers that it is alive.
 SUMMARY, LOCK = "summary.csv", "batch.lock"
 SCHEMA = 1
 

@@ -63,7 +63,7 @@ def animate(
     motion : Motion
         Feasible throughout.
     path : Path
-        Its ending tells the kind of file; nothing is written.
+        Its ending gives the kind of file; nothing is written.
     fps : float
         Frames a second.
     progress : callable, optional
@@ -162,6 +162,6 @@ def _to_mp4(frames: Iterator[Frame], fps: float) -> bytes:
             finally:
                 code = process.wait()
         if code != 0 or not out.exists():
-            told = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise PmoptError(f"--animate: ffmpeg: {told[-1] if told else f'exit code {code}'}")
+            lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise PmoptError(f"--animate: ffmpeg: {lines[-1] if lines else f'exit code {code}'}")
         return out.read_bytes()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: Okabe and Ito's colours, in an order whose neighbours differ most to the colour-blind too.
 LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-#: Told apart without colour, by the dashes.
+#: Distinguished without colour, by their dashes.
 DASHES = ("-", (0, (6, 1.6)), (0, (1.4, 1.2)), (0, (7, 1.5, 1.5, 1.5)), (0, (3, 1.2)))
 #: Sizes of a heading's first line and of the others, in points, and a line of each in inches.
 _HEAD, _BODY = 10.5, 8.5

@@ -27,7 +27,7 @@ _NAMES = {
     "R": "revolute", "P": "prismatic", "C": "cylindrical", "U": "universal", "S": "spherical",
     "Pa": "parallelogram",
 }  # fmt: skip
-#: Of limbs, that the colour-blind tell apart (M. Okabe, K. Ito, 2008).
+#: Of limbs, which the colour-blind can distinguish (M. Okabe, K. Ito, 2008).
 _LIMBS = LINES[:6]
 _PATH = "#D55E00"
 _PLATFORM = "#c9ced6"

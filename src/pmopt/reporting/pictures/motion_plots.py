@@ -106,11 +106,11 @@ def _centre_panels(motion: Motion, unit: str) -> list[list[_Panel]]:
     orders = (("", unit), ("velocity ", per_second(unit)), ("acceleration ", per_second(unit, 2)))
     return [
         [
-            _Panel(f"{what}{axis}", what.strip(), told,
+            _Panel(f"{what}{axis}", what.strip(), shown,
                    {name: values[:, order, k] for name, values in motion.centres.items()})
             for k, axis in enumerate("xyz")
         ]
-        for order, (what, told) in enumerate(orders)
+        for order, (what, shown) in enumerate(orders)
     ]  # fmt: skip
 
 

@@ -162,7 +162,7 @@ def _without_settings() -> Iterator[None]:
 
 
 def to_picture(figure: Figure) -> bytes:
-    """Return the picture without the metadata that would tell one machine from another.
+    """Return the picture without the metadata that differs from machine to machine.
 
     It is a PNG, or what :func:`drawn_as` says.
     """

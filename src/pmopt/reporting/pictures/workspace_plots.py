@@ -77,8 +77,8 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         true = high - low
         sides = _sides(true, mesh.units)
-        told = [*remarks, *([f"cut at {mesh.cut}"] if mesh.cut else [])]
-        told += _unscaled(true, sides, mesh.units)
+        notes = [*remarks, *([f"cut at {mesh.cut}"] if mesh.cut else [])]
+        notes += _unscaled(true, sides, mesh.units)
         axes.set_box_aspect(sides)
         for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
             getattr(axes, f"set_{'xyz'[k]}lim")(low[k], high[k])
@@ -105,7 +105,7 @@ def draw_surface(mesh: SurfaceMesh, result: WorkspaceResult, remarks: Sequence[s
             autolim=False,
         )
         draw_index_bar(figure, figure.add_axes((0.88, 0.2, 0.02, 0.55)), scale, result)
-        _write_caption(figure, result, told)
+        _write_caption(figure, result, notes)
         return to_picture(figure)
 
 

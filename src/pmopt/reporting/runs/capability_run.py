@@ -260,10 +260,10 @@ def _plain_unit(text: str, unit: str) -> str:
 
 
 def _task_text(result: Capability, with_unit: Callable[[str, str], str] = with_unit) -> str:
-    told = result.to_dict()["task"]
+    task = result.to_dict()["task"]
     parts = [
         f"{k.replace('_', ' ')} {with_unit(exact(v), result.units[k])}"
-        for k, v in told.items()
+        for k, v in task.items()
         if v
     ]
     return ", ".join(parts) or "standing still"

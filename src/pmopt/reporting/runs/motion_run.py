@@ -33,7 +33,7 @@ RECORDING = "recording.csv"
 
 @dataclass(frozen=True)
 class MotionRun:
-    """A motion and what is told of it.
+    """A motion and what is reported of it.
 
     Attributes
     ----------
@@ -230,7 +230,7 @@ def _write(run: MotionRun, folder: RunFolder, notify: Notify | None) -> None:
 def write_origin(task: MotionTask, folder: RunFolder) -> dict[str, Any]:
     """Write the recording a motion came from, if any, and return what the manifest says of it.
 
-    With it the folder tells all that is needed to do the motion again.
+    With it the folder holds all that is needed to run the motion again.
     """
     config = task.to_dict()
     source = task.config.trajectory.file
@@ -287,8 +287,8 @@ def centres_table(run: MotionRun, part: slice) -> Table | None:
     for order, ending in enumerate(("", "_rate", "_acceleration")):
         for k, name in enumerate(centres):
             parts.append(found[:, k, order])
-            told = per_second(unit, order) if order else unit
-            units |= {f"{name.replace(' ', '_')}_{axis}{ending}": told for axis in "xyz"}
+            scaled = per_second(unit, order) if order else unit
+            units |= {f"{name.replace(' ', '_')}_{axis}{ending}": scaled for axis in "xyz"}
     rows = np.concatenate(parts, axis=1).tolist()
     return Table("Centres of mass", tuple(units), tuple(map(tuple, rows)), units)
 

@@ -164,7 +164,7 @@ class RunFolder:
         """Make ready for the run's files."""
         if self._opened:
             return
-        with self._told():
+        with self._reported():
             remove_leftovers(self.path)
             if not self.begun:
                 clear(self.path / NEXT)
@@ -175,7 +175,7 @@ class RunFolder:
     def reopen(self) -> None:
         """Make a finished run that goes on in its place an unfinished one: it has no manifest."""
         if self.place == self.path:
-            with self._told():
+            with self._reported():
                 (self.path / MANIFEST).unlink(missing_ok=True)
 
     def write(self, name: str, data: bytes | str | Iterable[str]) -> None:
@@ -228,7 +228,7 @@ class RunFolder:
         self.release()
 
     def _swap(self) -> None:
-        with self._told():
+        with self._reported():
             names = os.listdir(self.path / NEXT)
         try:
             old = _names_of(self.path) if self.place != self.path else []
@@ -253,7 +253,7 @@ class RunFolder:
             staged.rmdir()
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _reported(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:

@@ -130,13 +130,13 @@ class SimulationRun:
 
     def _gain_units(self) -> dict[str, str]:
         """Unit of each gain; of joints of both kinds one after the other."""
-        told: dict[str, list[str]] = {"kp": [], "ki": [], "kd": []}
+        found: dict[str, list[str]] = {"kp": [], "ki": [], "kd": []}
         for joint in self.simulation.joints:
             effort, position = effort_unit(joint.kind), self.task.mechanism.unit(joint)
-            told["kp"].append(f"{effort}/{position}")
-            told["ki"].append(f"{effort}/({position} s)")
-            told["kd"].append(f"{effort} s/{position}")
-        return {gain: ", ".join(dict.fromkeys(units)) for gain, units in told.items()}
+            found["kp"].append(f"{effort}/{position}")
+            found["ki"].append(f"{effort}/({position} s)")
+            found["kd"].append(f"{effort} s/{position}")
+        return {gain: ", ".join(dict.fromkeys(units)) for gain, units in found.items()}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -263,7 +263,7 @@ def _turned(table: Table, kept: Sequence[int], digits: int) -> list[_Column]:
     first, *others = kept
     corner = table.columns[first]
     names = [shown(row[first], digits) for row in table.rows]
-    if len(set(names)) < len(names) and len(others) > 1:  # two fields may tell them apart
+    if len(set(names)) < len(names) and len(others) > 1:  # two fields may distinguish them
         second, *others = others
         corner += f", {table.columns[second]}"
         names = [

@@ -186,13 +186,13 @@ def test_kernels_call_no_library_function():
     for name in names():
         mechanism = find(name)
         texts.add(assembling(mechanism.assembler).text)
-        texts |= {
-            k.text
-            for k in Mover(mechanism, mechanism.resolve({}), mechanism.check_mode(None)).kernels
-        }
-        for norm in ("2", "fro"):
-            sampler = make_sampler(mechanism, WorkspaceSettings(norm=norm))
-            texts |= {k.text for k in sampler.evaluator.kernels}
+        users = [Mover(mechanism, mechanism.resolve({}), mechanism.check_mode(None))]
+        users += [
+            make_sampler(mechanism, WorkspaceSettings(norm=norm)).evaluator for norm in ("2", "fro")
+        ]
+        for user in users:
+            for program, entries in user.kernels.items():
+                texts |= {c.text for entry in entries for c, _ in program.parts(entry)}
     assert len(texts) > 15
     for text in texts:
         found = set(re.findall(r"\b(?:math|np)\.\w+", text))

@@ -284,6 +284,19 @@ def write_whole(path: Path, content: bytes) -> bool:
     return True
 
 
+def once(call: Callable[[], None] | None) -> Callable[[], None] | None:
+    """Return what does something once, however many texts it is called for."""
+    if call is None:
+        return None
+    left = [call]
+
+    def first() -> None:
+        if left:
+            left.pop()()
+
+    return first
+
+
 class Compiled:
     """The entries of one text as attributes, each compiled or loaded at its first call.
 

@@ -24,7 +24,7 @@ import numpy as np
 from pmopt.compiler import records
 from pmopt.compiler.apart import apart, clash, is_ours, keep_name, names_of, renamed
 from pmopt.compiler.lowering import AND, PIECE
-from pmopt.compiler.machine_code import Compiled, Entry
+from pmopt.compiler.machine_code import Compiled, Entry, once
 from pmopt.kernels import conditioning, pieces, segment_distance, sweep
 from pmopt.kernels.vectors import Vec3
 
@@ -549,10 +549,10 @@ class Sweep:
 
     @on_compile.setter
     def on_compile(self, call: Callable[[], None] | None) -> None:
-        self._on_compile = call
+        self._on_compile = once(call)
         for name in ENTRIES:
             for compiled, _ in self.parts(name):
-                compiled.on_compile = call
+                compiled.on_compile = self._on_compile
 
     def _made_of(self, name: str) -> tuple[str, ...]:
         """Return the pieces that an entry takes, in order; "" for one that there is none of."""

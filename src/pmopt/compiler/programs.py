@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from pmopt.compiler import records
 from pmopt.compiler.lowering import AND, PIECE
-from pmopt.compiler.machine_code import SCALAR, Compiled, Entry
+from pmopt.compiler.machine_code import SCALAR, Compiled, Entry, once
 from pmopt.compiler.program_text import INLINE, PLAIN, PREFACE, collect
 from pmopt.kernels import (
     affine_forms,
@@ -169,17 +169,9 @@ class Moves:
 
     def __init__(self, recipe: Moving, on_compile: Callable[[], None] | None = None) -> None:
         self._parts = [(_move(), "move_all"), (_posture(recipe), "posture_to")]
-        said = False
-
-        def once() -> None:
-            nonlocal said
-            if not said and on_compile is not None:
-                said = True
-                on_compile()
-
-        self.on_compile: Callable[[], None] | None = once
+        self.on_compile = once(on_compile)
         for compiled, _ in self._parts:
-            compiled.on_compile = once
+            compiled.on_compile = self.on_compile
 
     def parts(self, name: str) -> list[tuple[Compiled, str]]:
         """Return the texts, and their entries, that the entry is put together of."""

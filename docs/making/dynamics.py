@@ -105,7 +105,7 @@ def gains() -> Iterator[Statement]:
     yield Says(PAGE, "change by more than half their peak in that time, has {} %",
                (rounded(max(hold.values()), ".0f", within=0.1),))  # fmt: skip
     lag = simulated("2uu-upu-t1", {}, feedforward=False, hold=0.001)
-    yield Says(PAGE, "is a lag: {}, {} and {} % on `2uu-upu-t1`",
+    yield Says(PAGE, "lags: {}, {} and {} % on `2uu-upu-t1`",
                tuple(rounded(v, ".1g", within=0.03 * v) for v in lag.values()))  # fmt: skip
 
 

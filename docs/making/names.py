@@ -75,7 +75,7 @@ def constants() -> Iterator[Statement]:
     for page, text, *figures in (
         ("method", "divided over about {} independent", str(DEFAULT_REPLICATES)),
         ("method", "on coarser grids ({} and {} cells an axis)", *map(DEFAULT_GRIDS.get, (4, 5))),
-        ("method", "told apart on a grid ({} cells an axis in three dimensions, {} in four, {} in "
+        ("method", "separated on a grid ({} cells an axis in three dimensions, {} in four, {} in "
          "five)", CELLS[3], CELLS[4], CELLS[5]),
         ("method", "search starts with {} ({} on lines)", f"{FIRST_SAMPLES:,}",
          f"{FIRST_ON_LINES:,}"),

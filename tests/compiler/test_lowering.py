@@ -152,6 +152,7 @@ def bits(x, n, out):
     out[5] *= 1 if good else n
     chosen = (Pair(x[0], (n, 1.5)), Pair(x[1], (2 * n, 2.5)), Pair(3.0, (0, 3.5)))[n % 3]
     out[6] = chosen.left + chosen.right[0] * chosen.right[1]
+    out[n - 7] += x[n % 2 - 2] + (1.0, x[0], x[1])[n % 3 - 3]
 
 
 numbers = st.floats(-50, 50, allow_nan=False)

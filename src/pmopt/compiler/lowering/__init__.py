@@ -8,8 +8,9 @@ here (:class:`Unsupported`).
 
 Meaning is numba's, with ``error_model="numpy"``: division by zero gives infinities, ``min`` and
 ``max`` keep Python's order of comparison, and a number that is an integer in one place and a float
-in another is a float. Two things are left out, since kernels do not need them: indices that are not
-constants are not negative, and slices end within their array.
+in another is a float. Two things are left out, since kernels do not need them: an index that is a
+bare name is not negative (one with a difference or a sign in it may be), and slices end within
+their array.
 """
 
 from __future__ import annotations

@@ -282,6 +282,8 @@ class Expressions(Operations):
         index = self.number(self.expression(at))
         if index.known is not None:
             return held.values[index.known]
+        if may_be_negative(at):
+            index = self.wrapped(index, integer_of(len(held.values)))
         kind = kind_of(held.values[0])
         for value in held.values:
             kind = unified(kind, kind_of(value))
@@ -319,6 +321,8 @@ class Expressions(Operations):
                 index = self.to_integer(self.expression(one))
                 if index.known is not None and index.known < 0:
                     index = self.arithmetic(add, shape[k], index)
+                elif may_be_negative(one):
+                    index = self.wrapped(index, shape[k])
             offset = index if k == 0 else self.arithmetic(
                 add, self.arithmetic(mul, offset, shape[k]), index
             )  # fmt: skip
@@ -331,6 +335,14 @@ class Expressions(Operations):
             f"getelementptr inbounds {kept}, ptr {array.pointer}, i64 {offset.text}"
         )
         return Array(pointer, array.element, rest)
+
+    def wrapped(self, index: Number, length: Number) -> Number:
+        """Return an index that counts from the end where it is negative."""
+        less = self.compared("lt", index, integer_of(0))
+        if less.known is not None:
+            return index
+        found: Number = self.chosen(less, self.arithmetic(ast.Add(), index, length), index)
+        return found
 
     def load(self, at: Array) -> Number:
         """Return an element of an array."""
@@ -465,6 +477,14 @@ class Expressions(Operations):
         text = f"call double {self.intrinsic(words[name])}(double {self.to_float(value).text})"
         found = Number("float64", self.made(text))
         return self.to_integer(found) if name == "math.floor" else found
+
+
+def may_be_negative(index: ast.expr) -> bool:
+    """Return whether an index that is not known has a difference or a sign in it.
+
+    What is but a name counts from the beginning: loops do.
+    """
+    return any(isinstance(node, ast.Sub | ast.USub) for node in ast.walk(index))
 
 
 #: What can be computed whether it is wanted or not.

@@ -1,6 +1,7 @@
 """Shared kernel functions against plain oracles: trigonometry, distances, conditioning, Newton."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,6 +16,13 @@ from pmopt.kernels import conditioning, sweep
 from pmopt.kernels.segment_distance import segment_distance2
 from pmopt.kernels.trigonometry import roll_pitch_yaw, sin_cos
 from pmopt.kernels.vectors import Vec3
+
+
+class One(NamedTuple):
+    """Constants of which there is one, unused."""
+
+    unused: float
+
 
 angles = st.floats(-20, 20)
 points = st.lists(st.floats(-2, 2), min_size=12, max_size=12)
@@ -106,7 +114,7 @@ def still5(a, b, c, d, f, constants):
 @pytest.mark.parametrize(("order", "kernel", "still"), [(4, kernel4, still4), (5, kernel5, still5)])
 def test_conditioning_of_larger_matrices(order, kernel, still, norm):
     """Blocks of Jacobi rotations against LAPACK, singular and zero matrices among them."""
-    recipe = program_text.Recipe(kernel, still, order, 1, order, norm, (), (), 0)
+    recipe = program_text.Recipe(kernel, still, order, One, order, norm, (), (), 0)
     module = program_text.specialise(recipe)
     poses = np.random.default_rng(5).uniform(-1, 1, (order, 3 * 512 + 17))
     poses[:, 3] = 0.0
@@ -185,7 +193,7 @@ def exact_indices(matrices, norm):
 )
 def test_index_is_exact_near_singularity(order, kernel, still, norm):
     """The error of the index is below 1e-12 for every matrix."""
-    recipe = program_text.Recipe(kernel, still, order**2, 1, order, norm, (), (), 0)
+    recipe = program_text.Recipe(kernel, still, order**2, One, order, norm, (), (), 0)
     module = program_text.specialise(recipe)
     matrices = awkward_matrices(order, 60_000)
     poses = np.ascontiguousarray(matrices.reshape(len(matrices), -1).T)

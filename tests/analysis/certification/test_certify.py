@@ -162,7 +162,7 @@ def test_only_selections_are_traced():
         return (x if x * x < 1.0 else 0.0,)
 
     with pytest.raises(Untraceable):
-        trace(kernel, 1, 0)
+        trace(kernel, 1, find("2pauu-ppap").constants)
 
 
 # --- boxes against the sampled kernel -----------------------------------------------------

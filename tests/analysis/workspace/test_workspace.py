@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tracemalloc
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -640,7 +641,13 @@ def still(x, y, z, constants):
     return (0.0,) * 12
 
 
-def recipe(kernel, norm="2", constants=1):
+class One(NamedTuple):
+    """Constants of which there is one."""
+
+    one: float
+
+
+def recipe(kernel, norm="2", constants=One):
     """Return what a kernel of three coordinates is specialised to, without a skeleton."""
     return program_text.Recipe(kernel, still, 3, constants, 3, norm, (), (), 0)
 

@@ -90,7 +90,7 @@ def check_clearances(mechanism, tool=None, **more):
                 nearest[which] = min(nearest[which], distance)
             if tool:
                 shaft = position, position + rotation @ tool
-                distance = math.sqrt(segment_distance2(*a.ravel(), *shaft[0], *shaft[1]))
+                distance = math.sqrt(segment_distance2(*(Vec3(*end) for end in (*a, *shaft))))
                 nearest[1] = min(nearest[1], distance)
         least.append(nearest)
     between, to_platform = np.array(least).T

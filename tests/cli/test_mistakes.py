@@ -63,9 +63,9 @@ MISTAKES = [
     (["workspace", "2pauu-ppap", "--limits", "theta1=1:0"], "LOWER:UPPER with LOWER < UPPER"),
     (["workspace", "2pauu-ppap", "--tool", "1,2"], "three numbers X,Y,Z are needed"),
     # options and commands
-    (["workspace", "2pauu-ppap", "--l1", "0.8"], "--l1 is no option: --params l1=VALUE is"),
-    (["ik", "2pauu-ppap", "--x", "0.8"], "--x is no option: --pose x=VALUE is"),
-    (["workspace", "2pauu-ppap", "--x", "0:1"], "--x is no option: --domain x=LOWER:UPPER is"),
+    (["workspace", "2pauu-ppap", "--l1", "0.8"], "--l1 is not an option: --params l1=VALUE is"),
+    (["ik", "2pauu-ppap", "--x", "0.8"], "--x is not an option: --pose x=VALUE is"),
+    (["workspace", "2pauu-ppap", "--x", "0:1"], "--x is not an option: --domain x=LOWER:UPPER is"),
     (["ik", "2pauu-ppap", "--joints", "theta1=1"], "no option of pmopt ik, but of fk"),
     (["fk", "2pauu-ppap", "--pose", "x=1"], "no option of pmopt fk, but of ik"),
     (["workspace", "2pauu-ppap", "--sample", "9"], "--samples"),
@@ -76,7 +76,7 @@ MISTAKES = [
     # files
     (["ik", "2pauu-ppap", "--poses", "run/front.csv"], "x is missing, needed: x, y, z; the header"),
     (["ik", "2pauu-ppap", "--poses", SEARCH], "search.toml: "),
-    (["ik", "2pauu-ppap", "--poses", "run/front.png"], "is no CSV file"),
+    (["ik", "2pauu-ppap", "--poses", "run/front.png"], "is not a CSV file"),
     (["draw", "3-cur", "--out", "a.docx"], ".docx is not offered, allowed: .png, .svg, .pdf"),
     (["draw", "3-cur", "--out", "a"], "no suffix is not offered"),
     (["export", "3-cur", "--out", "a.urdf"], ".urdf is not offered, allowed: .xml, .mjcf"),

@@ -54,7 +54,7 @@ def test_common_quantities_are_exact():
         ("15deg", "m", "the unit deg does not fit: a number in m is needed"),
         ("15deg", "1", "a plain number is needed"),
         ("2 1/s", "rad/s", "does not fit"),
-        ("650 MM", "m", "'MM' is no known unit: mm?"),
+        ("650 MM", "m", "'MM' is not a known unit: mm?"),
         ("650 mmm", "m", "no known unit"),
         ("0,65", "m", "a decimal point is needed"),
         ("1m+2m", "m", "no known unit"),

@@ -164,7 +164,9 @@ class CheckpointFolder:
             notes = [str(note) for note in run["notes"]]
             changed = installation_changes(began or {}, installation())
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            raise InputError(f"{path}: is no checkpoint of pmopt; --force starts afresh") from None
+            raise InputError(
+                f"{path}: is not a checkpoint of pmopt; --force starts afresh"
+            ) from None
         if command != self.command:
             raise InputError(f"{path}: is the checkpoint of a {command} run, not {self.command}")
         place = self.folder.parent

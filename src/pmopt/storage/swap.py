@@ -116,7 +116,7 @@ def _read(journal: Path) -> tuple[list[str], list[str]]:
                 raise ValueError
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
-            f"{journal}: is no journal of pmopt; with it the folder's content is not known"
+            f"{journal}: is not a journal of pmopt; with it the folder's content is not known"
         ) from None
     return old, new
 

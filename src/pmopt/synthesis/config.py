@@ -43,27 +43,30 @@ class AlgorithmSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    name: Literal["nsga2"] = Field(default="nsga2", description="The search")
+    name: Literal["nsga2"] = Field(default="nsga2", description="The algorithm of the search")
     population: int = Field(
-        default=200, ge=4, le=100_000, description="Designs of a generation, and most of the front"
+        default=200,
+        ge=4,
+        le=100_000,
+        description="Designs of a generation, and largest size of the front",
     )
     generations: int = Field(
         default=200, ge=1, le=1_000_000,
-        description="How many; a finished run with more of them continues",
+        description="Number of generations; with a larger number a finished run continues",
     )  # fmt: skip
     crossover_eta: FiniteFloat = Field(
         default=20.0, gt=0,
-        description="Distribution index of simulated binary crossover: larger is nearer to parents",
+        description="Distribution index of simulated binary crossover: larger is nearer to the parents",
     )  # fmt: skip
     crossover_probability: FiniteFloat = Field(
-        default=0.9, ge=0, le=1, description="Of two parents to be crossed"
+        default=0.9, ge=0, le=1, description="Probability that two parents are crossed"
     )
     mutation_eta: FiniteFloat = Field(
         default=20.0, gt=0,
-        description="Distribution index of polynomial mutation: larger is nearer to the design",
+        description="Distribution index of polynomial mutation: larger stays nearer to the design",
     )  # fmt: skip
     seed: int = Field(
-        default=1, ge=0, lt=2**63, description="Of the search and of all sample points"
+        default=1, ge=0, lt=2**63, description="Seed of the search and of all sample points"
     )
     reference: Annotated[dict[ObjectiveName, FiniteFloat], UnitByName()] = Field(
         default_factory=dict,
@@ -96,7 +99,7 @@ class FinalSettings(BaseModel):
 
     target_error: Annotated[FiniteFloat, Unit("1")] = Field(
         default=5e-4, ge=1e-7, lt=1,
-        description="Relative standard error of volume and GCI to measure each to",
+        description="Relative standard error of volume and GCI to which each design is measured",
     )  # fmt: skip
 
 
@@ -182,7 +185,7 @@ class RunConfig(BaseModel):
         for name in self.algorithm.reference:
             if name not in self.objectives:
                 raise ValueError(
-                    f"algorithm.reference: {name} is no objective of this search, allowed: "
+                    f"algorithm.reference: {name} is not an objective of this search, allowed: "
                     f"{', '.join(self.objectives)}"
                 )
         return self

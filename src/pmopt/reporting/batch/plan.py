@@ -124,7 +124,7 @@ def find_configs(patterns: Sequence[str]) -> list[str]:
                 lines.append(f"{pattern}: no file matches{advice_for_pattern(pattern)}")
         for match in matches:
             if not match:
-                lines.append("CONFIG: '' is no name of a file")
+                lines.append("CONFIG: '' is not the name of a file")
             if os.path.isdir(match):
                 what = describe(Path(match))
                 lines.append(f"{match}: {what}; a quoted glob like '{match}/*.toml' is needed")
@@ -236,7 +236,7 @@ def _axes(table: Any, place: str, prefix: str = "") -> Iterator[tuple[str, list[
             yield from _axes(values, place, f"{key}.")
             continue
         if not all(key.split(".")) or key.split(".")[0] == SWEEP:
-            raise InputError(f"{place}: {key!r} is no key of a configuration")
+            raise InputError(f"{place}: {key!r} is not a key of a configuration")
         values = _listed(values, f"{place}: {key}")
         texts = Counter(_text(value) for value in values)
         for text, times in texts.items():

@@ -115,7 +115,7 @@ class CapabilityTask:
                 int(document["seed"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"{where}: is no manifest of a capability run: {error}") from None
+            raise InputError(f"{where}: is not the manifest of a capability run: {error}") from None
 
 
 def compute(

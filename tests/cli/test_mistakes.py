@@ -72,7 +72,7 @@ MISTAKES = [
     (["workspace"], "MECH is missing: one of 2pauu-ppap"),
     (["pareto"], "CONFIG.toml is missing: pmopt init MECH writes one"),
     (["Workspace", "2pauu-ppap"], "nearest: workspace"),
-    (["pmopt", "list"], "pmopt stands there twice: pmopt list"),
+    (["pmopt", "list"], "pmopt is given twice: pmopt list"),
     # files
     (["ik", "2pauu-ppap", "--poses", "run/front.csv"], "x is missing, needed: x, y, z; the header"),
     (["ik", "2pauu-ppap", "--poses", SEARCH], "search.toml: "),

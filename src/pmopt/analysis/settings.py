@@ -240,7 +240,7 @@ _SIZE = Field(ge=0, lt=1e9, allow_inf_nan=False)
 
 
 class Settings(BaseModel):
-    """What the settings of all analyses have in common: what contradicts itself in any of them.
+    """Checks common to the settings of all analyses: values that contradict each other.
 
     Names of coordinates and working modes are checked against the mechanism when it is known.
 

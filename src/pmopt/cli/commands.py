@@ -61,7 +61,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             if args[0] == "pmopt":
-                raise InputError(f"pmopt stands there twice: {shlex.join(['pmopt', *args[1:]])}")
+                raise InputError(f"pmopt is given twice: {shlex.join(['pmopt', *args[1:]])}")
             raise unknown_name("command", args[0], COMMANDS)
         return super().resolve_command(ctx, args)
 

@@ -104,7 +104,7 @@ def _asked(words: Sequence[str]) -> tuple[str, Mechanism]:
 
 
 def _write(files: dict[Path, bytes], force: bool) -> None:
-    """Write all files or none; those that are there as they are to be are left.
+    """Write all files or none; files with the same content stay untouched.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def _check_out(out: Path | None, force: bool, many: str, path: Path | None) -> N
 
 
 class _Misses:
-    """How many rows are out of reach, and what the first of them is."""
+    """How many rows are out of reach, and the first of them."""
 
     def __init__(self) -> None:
         self.count = self.rows = 0
@@ -295,7 +295,7 @@ def jacobian_command(
 def _read(
     path: Path, option: str, mechanism: Mechanism, coordinates: tuple[Coordinate, ...], quiet: bool
 ) -> Rows:
-    """Return the rows of a file, all of them checked, with what is worth a word said."""
+    """Return the rows of a file, all checked; notes go to stderr."""
     rows = read_rows(path, option, mechanism, coordinates)
     for note in rows.notes:
         notifier(quiet)(note)

@@ -26,8 +26,8 @@ def simulate_command(
     """Run a motion on an independent multibody engine and compare the two.
 
     The inverse dynamics are compared at every instant and, with a [controller], the forward
-    dynamics under feed-forward and PID. --format csv prints the series. The exit code is 4 where the
-    inverse dynamics differ by more than [engine] tolerance, 0.01 % of a joint's peak.
+    dynamics under feed-forward and PID. --format csv prints the series. The exit code is 4 where
+    the inverse dynamics differ by more than [engine] tolerance, 0.01 % of a joint's peak.
 
     \b
     Example:

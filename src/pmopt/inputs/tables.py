@@ -1,4 +1,4 @@
-"""Tables of numbers as people have them: CSV by comma, semicolon or tab, decimal point or comma.
+"""Tables of numbers as users have them: CSV by comma, semicolon or tab, decimal point or comma.
 
 The separator is the one that the header holds, or the one of a line ``sep=``. Where it is no
 comma, cells may have a decimal comma. Lines that begin with ``#`` are comments. The unit of a

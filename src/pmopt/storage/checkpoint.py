@@ -138,7 +138,7 @@ class CheckpointFolder:
             raise PmoptError(f"{path}: cannot remove: {error.strerror or error}") from error
 
     def check(self, notify: Notify | None = None) -> None:
-        """Refuse to continue what is not this run, or this run cut off.
+        """Refuse to continue anything but this run, interrupted.
 
         Another installation continues it, with a line that says so.
 
@@ -280,7 +280,7 @@ def _canonical(document: Any) -> bytes:
 
 
 def _run_digest(document: Mapping[str, Any]) -> str:
-    """Return the hash of what a run depends on: it may be taken up on any installation."""
+    """Return the hash of a run's inputs: it may be resumed on any installation."""
     kept = {k: v for k, v in document.items() if k not in ("sha256", "installation")}
     return _digest(_canonical(kept))
 
@@ -312,7 +312,7 @@ def changes(old: Any, new: Any, grows: Mapping[str, Grows]) -> list[str]:
 
 
 def _grows(grows: Grows, old: Any, new: Any) -> bool:
-    """Return whether a run may be continued from one value to another; never from what is none."""
+    """Return whether a run may be continued from one value to another; never from None."""
     try:
         return None not in (old, new) and grows(old, new)
     except TypeError:  # a damaged file may hold anything

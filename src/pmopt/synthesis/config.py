@@ -56,7 +56,7 @@ class AlgorithmSettings(BaseModel):
     )  # fmt: skip
     crossover_eta: FiniteFloat = Field(
         default=20.0, gt=0,
-        description="Distribution index of simulated binary crossover: larger is nearer to the parents",
+        description="Distribution index of simulated binary crossover: larger is nearer to parents",
     )  # fmt: skip
     crossover_probability: FiniteFloat = Field(
         default=0.9, ge=0, le=1, description="Probability that two parents are crossed"
@@ -104,7 +104,7 @@ class FinalSettings(BaseModel):
 
 
 class SearchWorkspace(WorkspaceSettings):
-    """The ``[workspace]`` table of a search, which may leave the number of samples to it."""
+    """The ``[workspace]`` table of a search, which may choose the number of samples itself."""
 
     samples: Annotated[int | None, SAMPLING] = Field(
         default=None, ge=16, le=MAX_SAMPLES,
@@ -148,7 +148,7 @@ class RunConfig(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _adaptive(cls, data: Any) -> Any:
-        """Take ``samples = "adaptive"`` for the default it is, unless another size is given."""
+        """Treat ``samples = "adaptive"`` as the default, unless another size is given."""
         workspace = data.get("workspace") if isinstance(data, dict) else None
         if not isinstance(workspace, dict) or not isinstance(workspace.get("samples"), str):
             return data

@@ -742,7 +742,7 @@ def _bodies(
 
 
 def _properties(settings: BodySettings, known: Body | None, where: str) -> MassProperties:
-    """Return mass, centre and inertia, what is not given from the known body.
+    """Return mass, centre and inertia; what is not given comes from the known body.
 
     A new mass alone scales the inertia: the same shape of another density.
     """

@@ -180,7 +180,7 @@ def plan_runs(paths: Iterable[str], sets: Sequence[str] = ()) -> list[PlannedRun
 
 
 def _changed(data: dict[str, Any], sets: Sequence[str]) -> dict[str, Any]:
-    """Return a configuration with what is set on the command line, lists as a sweep."""
+    """Return a configuration with the values set on the command line, lists as a sweep."""
     for key, text in read_overrides(sets).items():
         try:
             values = sweep_values(text)

@@ -272,7 +272,7 @@ def _task_text(result: Capability, with_unit: Callable[[str, str], str] = with_u
 def draw_capability(
     asked: CapabilityTask, result: Capability, threads: int | None = None
 ) -> dict[str, bytes]:
-    """Return sections that show how much of what the motors have is asked for, by file name."""
+    """Return sections that show the needed share of the motors' capability, by file name."""
     given = asked.limits
     if not given or result.reachable == 0:
         return {}

@@ -17,7 +17,7 @@ from pmopt.units import ONE
 
 @dataclass(frozen=True)
 class WorkspaceTask:
-    """What is to be sampled."""
+    """The settings of a sampled workspace."""
 
     mechanism: Mechanism
     parameters: Parameters

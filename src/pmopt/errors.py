@@ -1,4 +1,4 @@
-"""The errors a user meets: their text is what is printed, their exit code what the shell sees."""
+"""The errors that users see: each has the text to print and the exit code of the command."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PmoptError(Exception):
 
     @property
     def lines(self) -> list[str]:
-        """What is printed, a line for each thing that is wrong."""
+        """The lines to print, one for each error."""
         return [str(self)]
 
 
@@ -38,7 +38,7 @@ class InputErrors(InputError):
 
     @property
     def lines(self) -> list[str]:
-        """What is printed, a line for each thing that is wrong."""
+        """The lines to print, one for each error."""
         return self._lines
 
 

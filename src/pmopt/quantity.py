@@ -67,11 +67,11 @@ class Quantity(float):
 
     @property
     def bound(self) -> Literal["found", "proven"]:
-        """Whether an extreme is the true one, or the true one may be beyond."""
+        """Whether an extreme is proven, or the true one may lie beyond it."""
         return "found" if self.sign else "proven"
 
     def in_unit(self, unit: str, bounded: bool = False, sign: Sign = "") -> Quantity:
-        """Return the same numbers, said to be of a unit."""
+        """Return the same numbers with a unit."""
         return Quantity(self.value, self.error, unit, sign, bounded)
 
     def __eq__(self, other: object) -> bool:
@@ -105,7 +105,7 @@ class Quantity(float):
     __repr__ = __str__
 
     def __format__(self, form: str) -> str:
-        """Return the value in a form, or all of it without one."""
+        """Return the value in a format, or the whole text without one."""
         return float.__format__(self, form) if form else str(self)
 
 
@@ -151,5 +151,5 @@ def _units_of(value: float, place: int) -> int:
 
 
 def _placed(units: int, place: int) -> str:
-    """Return so many units of a place, ended there."""
+    """Return a number of units of a decimal place as text, with no digits beyond."""
     return f"{Decimal(units).scaleb(place, _WIDE):f}"

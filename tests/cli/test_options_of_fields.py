@@ -102,4 +102,4 @@ def test_help_says_unit_range_and_default():
     assert "--turns N How many. [default: 3; 1 to 9]" in text
     assert "--kind [thin|thick] Which. [default: thin]" in text
     assert "--at X,Y,Z Where. [length unit]" in text
-    assert "--limits JOINT=LOWER:UPPER,.. Range of each joint" in text
+    assert "--limits JOINT=LOWER:UPPER,.. Ranges of joints by name" in text

@@ -319,8 +319,8 @@ def test_a_scheduler_that_goes_is_told():
 
 @pytest.mark.parametrize("command", ["workspace", "pareto", "batch"])
 @pytest.mark.parametrize(("address", "message", "code"), [
-    ("nonsense", "--scheduler: 'nonsense' is no address like tcp://host:8786: missing port number "
-     "in address 'nonsense'", 2),
+    ("nonsense", "--scheduler: 'nonsense' is not an address like tcp://host:8786: missing port "
+     "number in address 'nonsense'", 2),
     ("tcp://127.0.0.1:9", "--scheduler: no Dask scheduler answers at tcp://127.0.0.1:9", 1),
 ])  # fmt: skip
 def test_addresses(tmp_path, monkeypatch, command, address, message, code):

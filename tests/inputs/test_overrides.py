@@ -43,7 +43,7 @@ def test_keys_take_the_place_of_what_stands_there():
         (["a="], "is not KEY=VALUE"),
         (["a..b=1"], "is not KEY=VALUE"),
         (["a=1", "a=2"], "--set: a is given twice"),
-        (["d.x=1"], "--set: d.x: d is no table"),
+        (["d.x=1"], "--set: d.x: d is not a table"),
     ],
 )
 def test_what_sets_no_key(texts, says):

@@ -87,7 +87,7 @@ def test_what_is_no_table(text, says):
 def test_no_text(tmp_path):
     path = tmp_path / "a.csv"
     path.write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00")
-    with pytest.raises(InputError, match="is no CSV file"):
+    with pytest.raises(InputError, match="is not a CSV file"):
         read_table(path, "a.csv")
 
 

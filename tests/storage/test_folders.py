@@ -211,9 +211,9 @@ def test_a_file_that_cannot_be_moved(replaced, immutable):
 
 def test_a_journal_that_is_none(replaced):
     (replaced / swap.JOURNAL).write_text('{"old": ["../precious"], "new": []}')
-    with pytest.raises(InputError, match="is no journal of pmopt"):
+    with pytest.raises(InputError, match="is not a journal of pmopt"):
         make(replaced, "new", ["b.csv"])
-    with pytest.raises(InputError, match="is no journal of pmopt"):
+    with pytest.raises(InputError, match="is not a journal of pmopt"):
         read_manifest(replaced)
 
 

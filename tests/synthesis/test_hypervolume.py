@@ -118,7 +118,7 @@ def test_a_reference_that_leaves_designs_out_says_so(tmp_path):
 @pytest.mark.parametrize(
     ("reference", "says"),
     [
-        ({"projected_volume": 1.0}, "projected_volume is no objective of this search"),
+        ({"projected_volume": 1.0}, "projected_volume is not an objective of this search"),
         ({"lci": 1.0}, "reference"),
         ({"footprint": float("inf")}, "finite"),
     ],

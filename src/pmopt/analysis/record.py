@@ -25,7 +25,7 @@ class Subject:
     box : dict
         Where the poses in question are, by pose coordinate: the domain, the mechanism's own or what
         was given; of a motion or a path what it goes through; of one pose that pose; empty
-        where poses are what is found.
+        where the result is poses.
     limits : dict
         Of joints and of the tool's place, the mechanism's own or what was given; empty where they
         do not count.
@@ -56,7 +56,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class OfSubject:
-    """A result: what it is of stands in ``subject``, and is said by its own attributes too."""
+    """A result; ``subject`` says of what, and so do its own attributes."""
 
     subject: Subject
 

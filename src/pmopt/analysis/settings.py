@@ -117,7 +117,7 @@ Domain = Annotated[
     PLACE,
     OnCommandLine(metavar="COORD=LOWER:UPPER,.."),
     Field(
-        description="Range of each pose coordinate that is named; an end may be inf. Default: the "
+        description="Ranges of pose coordinates by name; an end may be inf. Default: the "
         "mechanism's own search domain"
     ),
 ]
@@ -127,7 +127,7 @@ Limits = Annotated[
     PLACE,
     OnCommandLine(metavar="JOINT=LOWER:UPPER,.."),
     Field(
-        description="Range of each joint that is named, passive ones too, and of the tool's place. "
+        description="Ranges of joints by name, passive ones too, and of the tool's position. "
         "Default: the mechanism's own limits"
     ),
 ]
@@ -147,8 +147,8 @@ Jacobian = Annotated[
     JacobianKind | None,
     INDEX,
     Field(
-        description="Whether rates of angles are made lengths by a characteristic length before "
-        "the index is taken. Default: the mechanism's"
+        description="Whether a characteristic length converts rates of angles to lengths before "
+        "the index is computed. Default: the mechanism's"
     ),
 ]
 CharacteristicLength = Annotated[
@@ -178,7 +178,7 @@ PlatformDiameter = Annotated[
     Field(
         gt=0,
         description="Diameter of the platform's spokes, centre to limb, and of the tool; needs "
-        "`link_diameter`, which is the default",
+        "`link_diameter`, whose value is the default",
     ),
 ]
 ConeAngle = Annotated[
@@ -187,7 +187,7 @@ ConeAngle = Annotated[
     CHECKS,
     Field(
         gt=0, le=math.pi,
-        description="Largest angle of the link at passive U and S joints from its direction at "
+        description="Largest angle at passive U and S joints between the link and its direction at "
         "home, seen from base or platform. Default: not checked",
     ),
 ]  # fmt: skip
@@ -212,7 +212,7 @@ Aspect = Annotated[
 Block = Annotated[
     Literal["translational", "rotational"] | None,
     INDEX,
-    Field(description="Take the index of the Jacobian's rows for lengths or for angles alone"),
+    Field(description="Take the index from the Jacobian's rows for lengths, or for angles, alone"),
 ]
 TimeBudget = Annotated[
     FiniteFloat | None,
@@ -220,7 +220,7 @@ TimeBudget = Annotated[
     PROOF,
     Field(
         gt=0,
-        description="Seconds of work after which a proof is left as it is; compilation does not "
+        description="Seconds of work after which a proof stops where it is; compilation does not "
         "count",
     ),
 ]
@@ -229,7 +229,7 @@ BoxBudget = Annotated[
     PROOF,
     Field(
         gt=0,
-        description="Boxes examined after which a proof is left as it is: the same result on "
+        description="Boxes examined after which a proof stops where it is: the same result on "
         "every machine",
     ),
 ]
@@ -240,7 +240,7 @@ _SIZE = Field(ge=0, lt=1e9, allow_inf_nan=False)
 
 
 class Settings(BaseModel):
-    """What the settings of all analyses have in common: what contradicts itself in any of them.
+    """Checks common to the settings of all analyses: values that contradict each other.
 
     Names of coordinates and working modes are checked against the mechanism when it is known.
 
@@ -448,7 +448,7 @@ class TaskSettings(Settings):
     speed: Speed = Field(
         default=0.0,
         description="Speed of the pose's translational coordinates, as one vector in any "
-        "direction; others, parasitic ones too, only follow",
+        "direction; other coordinates, parasitic ones too, only follow",
     )
     turn: Turn = Field(
         default=0.0, description="Rate of the pose's angles, as one vector in any direction"
@@ -470,10 +470,12 @@ class TaskSettings(Settings):
         "can turn about; with `point_speed` all motions within both",
     )
     point_acceleration: Acceleration = Field(
-        default=0.0, description="Acceleration of the platform's centre alike"
+        default=0.0,
+        description="Acceleration of the platform's centre, in the same way as `point_speed`",
     )
     rotation_acceleration: TurnAcceleration = Field(
-        default=0.0, description="Angular acceleration of the platform alike"
+        default=0.0,
+        description="Angular acceleration of the platform, in the same way as `rotation_speed`",
     )
     force: Annotated[float, Unit("N"), TASK, _SIZE, OnCommandLine(name="tool-force")] = Field(
         default=0.0, description="Force on the platform's centre in any direction"
@@ -483,7 +485,9 @@ class TaskSettings(Settings):
     )
     payload_centre: Annotated[
         tuple[FiniteFloat, FiniteFloat, FiniteFloat], Field(strict=False), Unit(LENGTH), TASK
-    ] = Field(default=(0.0, 0.0, 0.0), description="Where the payload is, in the platform's frame")
+    ] = Field(
+        default=(0.0, 0.0, 0.0), description="The payload's centre of mass, in the platform's frame"
+    )
     motors: Annotated[dict[str, Any], MOTORS, OnCommandLine(metavar="NAME=VALUE,..")] = Field(
         default_factory=dict,
         description="What the joints can do: <joint>_rate (length unit/s, rad/s) and "
@@ -524,8 +528,8 @@ class VolumeSettings(Settings):
         FiniteFloat, Unit("1"), PROOF, OnCommandLine("certify", "GAP", default=False)
     ] = Field(
         default=1e-2, gt=0, lt=1,
-        description="Guaranteed bounds of the volume, GAP of it apart, and of the least and "
-        "largest LCI instead of samples",
+        description="Instead of samples: guaranteed bounds of the volume, which differ by "
+        "at most the share GAP of it, and of the least and largest LCI",
     )  # fmt: skip
     time_budget: TimeBudget = None
     box_budget: BoxBudget = None

@@ -58,7 +58,7 @@ def read_toml(path: Path, where: str) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
     except ValueError as error:
-        raise InputError(f"{where}: is no TOML file: {error}") from None
+        raise InputError(f"{where}: is not a TOML file: {error}") from None
     return data
 
 

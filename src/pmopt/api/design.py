@@ -70,17 +70,17 @@ class MechanismHandle:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the mechanism."""
         return self.declaration.name
 
     @property
     def description(self) -> str:
-        """What it is, in a line."""
+        """Description of the mechanism, in one line."""
         return self.declaration.description
 
     @property
     def freedom(self) -> str:
-        """The kind of its freedoms, e.g. ``1T2R``."""
+        """Kind of its freedoms, e.g. ``1T2R``."""
         return self.declaration.freedom
 
     @property
@@ -335,7 +335,7 @@ class Design:
 
     @named
     def capability(self, **options: Unpack[CapabilityOptions]) -> Capability:
-        """Sample what a task asks of the motors, see :func:`pmopt.capability`."""
+        """Sample the rates and efforts that a task needs, see :func:`pmopt.capability`."""
         from pmopt.analysis.sizing import actuators
         from pmopt.analysis.workspace.emptiness import require_reachable
         from pmopt.api.results.sizing import Capability
@@ -437,7 +437,7 @@ class Design:
     def _read(
         self, reads: Reads[Own], options: Mapping[str, Any], beside: tuple[str, ...] = ()
     ) -> Own:
-        """Return an analysis's settings, of all keywords but those beside them."""
+        """Return an analysis's settings from the keywords that belong to them."""
         return reads.settings(settings_of(options, beside), reads.analysis, self.mechanism.units)
 
     def _motion_task(self, config: Mapping[str, object] | str | Path) -> MotionTask:

@@ -439,7 +439,7 @@ def batch(
     out: str | Path | None = None,
     **options: Unpack[BatchOptions],
 ) -> BatchResult:
-    """Run many configurations, or what is not done of them, each in its own folder.
+    """Run many configurations, or those not yet done, each in its own folder.
 
     Parameters
     ----------

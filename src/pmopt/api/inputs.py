@@ -1,4 +1,4 @@
-"""What analyses are given as objects: how to sample, and ranges by name."""
+"""Inputs of analyses as objects: sampling, and ranges by name."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ class Sampling:
 
     @classmethod
     def on_grid(cls, cells: int) -> Sampling:
-        """Return the midpoint grid of so many cells on each axis; its errors are bounds."""
+        """Return the midpoint grid with so many cells on each axis; its errors are bounds."""
         return cls(grid=cells)
 
     def keywords(self) -> dict[str, Any]:
-        """Return the keywords that say the same."""
+        """Return the equivalent keywords."""
         given = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in given.items()
                 if value is not None and (name, value) != ("sampler", "r-sequence")}  # fmt: skip

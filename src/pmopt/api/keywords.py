@@ -34,7 +34,7 @@ _R = TypeVar("_R")
 
 
 class _Place(TypedDict, total=False):
-    """Which poses are in question: working mode, ranges of the pose and of joints."""
+    """Which poses count: working mode, ranges of the pose and of joints."""
 
     working_mode: str | None
     domain: Ranges
@@ -50,7 +50,7 @@ class _Index(TypedDict, total=False):
 
 
 class _Checks(TypedDict, total=False):
-    """What else a pose has to keep: clearances of links, cones of joints, the tool's place."""
+    """Further conditions on a pose: clearances of links, cones of joints, the tool's place."""
 
     link_diameter: Number | None
     platform_diameter: Number | None
@@ -216,7 +216,7 @@ def keywords_of(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def named(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Have a keyword that a function does not have refused in one line, with the nearest name.
+    """Refuse a keyword that a function does not have, in one line with the nearest name.
 
     What is a setting of other analyses passes: its own check says who reads it.
     """

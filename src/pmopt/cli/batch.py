@@ -30,28 +30,28 @@ _LONGEST = 24
 @click.argument("configs", nargs=-1, required=True, metavar="CONFIG..")
 @click.option(
     "--set", "sets", multiple=True, metavar="KEY=VALUE",
-    help="Instead of what the files say; a list 0.8,1.1 or a range 0.8:1.4:0.3 of values is a "
+    help="Replace a value of the files; a list 0.8,1.1 or a range 0.8:1.4:0.3 of values is a "
     "sweep; repeatable.",
 )  # fmt: skip
 @options.out_options
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on with the batch in --out; without it the same --out does so too.",
+    help="Continue the batch in --out; the same --out alone does so too.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(1, 4096),
     metavar="N",
     help="Processes, one thread each. Default: $NUMBA_NUM_THREADS or all cores; for fewer runs "
-    "than that 1, with all threads.",
+    "than that, 1 with all threads.",
 )
 @options.scheduler_option
 @options.threads_option
-@click.option("--shard", metavar="K/N", help="Only the K-th of N parts of the runs: every N-th.")
+@click.option("--shard", metavar="K/N", help="Run only part K of N: every N-th run, from the K-th.")
 @click.option("--merge", is_flag=True,
               help="CONFIG.. are the folders of shards: one summary of them all.")  # fmt: skip
-@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@click.option("--dry-run", is_flag=True, help="Say what would be run and how long it takes.")
 @options.common_options
 def batch_command(
     configs: tuple[str, ...], sets: tuple[str, ...],
@@ -70,8 +70,8 @@ def batch_command(
     Example:
       pmopt batch configs/batch/links.toml --out outputs/links
 
-    Run again with the same --out, it does what is not done yet. On several machines without a
-    common cluster, each runs one shard; any of them then merges the folders:
+    Run again with the same --out to do the runs that are not done yet. On several machines without
+    a common cluster, each runs one shard; any of them then merges the folders:
 
     \b
       pmopt batch 'configs/*.toml' --shard 2/5 --out shard-2

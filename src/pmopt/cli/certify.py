@@ -29,8 +29,8 @@ def certify_command(
 ) -> int:  # fmt: skip
     """Prove or refute that no reachable pose of a box is singular, or that each has LCI >= X.
 
-    The exit code is 0 where it is proven, 3 where it is about nothing, as no pose of the box is
-    reachable (empty), and 4 where it is refuted or left undecided.
+    The exit code is 0 where the claim is proven, 3 where no pose of the box is reachable (empty),
+    and 4 where the claim is refuted or undecided.
 
     \b
     Example:

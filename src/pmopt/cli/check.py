@@ -16,11 +16,11 @@ from pmopt.testing import examine
 @seed_option
 @common_options
 def check_command(mechanism: Mechanism, seed: int, form: str, quiet: bool, debug: bool) -> None:
-    """Hold a mechanism against itself: what each of its parts says of the same poses.
+    """Check that a mechanism is consistent: its parts must agree with each other.
 
-    For who writes a mechanism. Kernel, inverse and forward kinematics, Jacobian, layout, posture,
-    skeleton, box of reach, freedoms, names and bodies are compared at random poses of the default
-    design; nothing is compiled. The exit code is 4 where something is wrong.
+    For the author of a mechanism. Kernel, inverse and forward kinematics, Jacobian, layout,
+    posture, skeleton, box of reach, freedoms, names and bodies are compared at random poses of the
+    default design; nothing is compiled. The exit code is 4 where something is wrong.
 
     \b
     Example:

@@ -17,22 +17,25 @@ COMMANDS = {
     "ik": ("pmopt.cli.pose", "Inverse kinematics: joint positions of a pose."),
     "fk": ("pmopt.cli.pose", "Forward kinematics: poses of joint positions."),
     "jacobian": ("pmopt.cli.pose", "Jacobian, LCI and distance to singularities at a pose."),
-    "check": ("pmopt.cli.check", "Hold a mechanism against itself, for who writes one."),
+    "check": ("pmopt.cli.check", "Check that a mechanism is consistent, for its author."),
     "mobility": ("pmopt.cli.mobility", "Freedoms and constraints from the declared joints."),
     "workspace": ("pmopt.cli.workspace", "Volume, dexterity and shape of a workspace."),
-    "singularities": ("pmopt.cli.singularities", "Where in the workspace singularities lie."),
+    "singularities": ("pmopt.cli.singularities", "Where singularities lie in the workspace."),
     "certify": ("pmopt.cli.certify", "Prove or refute dexterity at every pose of a box."),
     "motion": ("pmopt.cli.motion", "Joint motion, efforts and power along a trajectory."),
     "simulate": ("pmopt.cli.simulate", "The same motion on an independent engine."),
     "export": ("pmopt.cli.export", "A mechanism as a model of that engine (MuJoCo)."),
-    "capability": ("pmopt.cli.capability", "Where in the workspace given motors suffice."),
+    "capability": (
+        "pmopt.cli.capability",
+        "Efforts and rates of a task; where given motors suffice.",
+    ),
     "pareto": ("pmopt.cli.pareto", "Pareto front of volume and dexterity by NSGA-II."),
     "batch": ("pmopt.cli.batch", "Many runs on many cores or machines."),
     "plot": ("pmopt.cli.plot", "Draw the pictures of a finished run again."),
     "draw": ("pmopt.cli.draw", "Draw a mechanism at a pose."),
     "init": ("pmopt.cli.init", "Write a commented starting configuration."),
-    "warmup": ("pmopt.cli.warmup", "Compile kernels ahead."),
-    "completion": ("pmopt.cli.completion", "Print the script of shell completion."),
+    "warmup": ("pmopt.cli.warmup", "Compile kernels ahead of use."),
+    "completion": ("pmopt.cli.completion", "Print the script for shell completion."),
 }
 
 
@@ -58,7 +61,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             if args[0] == "pmopt":
-                raise InputError(f"pmopt stands there twice: {shlex.join(['pmopt', *args[1:]])}")
+                raise InputError(f"pmopt is given twice: {shlex.join(['pmopt', *args[1:]])}")
             raise unknown_name("command", args[0], COMMANDS)
         return super().resolve_command(ctx, args)
 

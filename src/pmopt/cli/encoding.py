@@ -21,7 +21,7 @@ _ESCAPED = range(0xDC80, 0xDD00)
 
 
 def substitute(error: UnicodeError) -> tuple[str, int]:
-    """Return the nearest plain text of what an encoding lacks, and where to go on."""
+    """Return the nearest plain text for characters that an encoding lacks, and where to go on."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end]

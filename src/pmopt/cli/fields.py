@@ -161,7 +161,7 @@ def _shape(field: FieldInfo) -> str:
 
 
 def _plain(annotation: Any) -> Iterator[Any]:
-    """Yield the alternatives of an annotation, without what is said about them and without None."""
+    """Yield the alternatives of an annotation, without their metadata and without None."""
     if get_origin(annotation) is Annotated:
         yield from _plain(get_args(annotation)[0])
     elif get_origin(annotation) in (Union, types.UnionType):

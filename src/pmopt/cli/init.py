@@ -37,7 +37,7 @@ def _complete_example(ctx: click.Context, param: click.Parameter, incomplete: st
 @click.option("--list", "listed", is_flag=True,
               help="List kinds and examples, and write nothing.")  # fmt: skip
 @click.option("--example", metavar="NAME", shell_complete=_complete_example,
-              help="Write a configuration that pmopt brings, with the files it refers to."
+              help="Write a shipped configuration, with the files it refers to."
               )  # fmt: skip
 @click.option("--out", type=Place(), metavar="FILE.toml",
               help="Default: <mechanism>.toml, or the example's name, in this folder; - is "
@@ -50,7 +50,7 @@ def init_command(
 ) -> None:  # fmt: skip
     """Write a commented starting configuration, or one of the examples.
 
-    KIND is what it is of: pareto (default), motion, batch or workspace.
+    KIND is the kind of run: pareto (default), motion, batch or workspace.
 
     \b
     Example:
@@ -104,7 +104,7 @@ def _asked(words: Sequence[str]) -> tuple[str, Mechanism]:
 
 
 def _write(files: dict[Path, bytes], force: bool) -> None:
-    """Write all files or none; those that are there as they are to be are left.
+    """Write all files or none; files with the same content stay untouched.
 
     Raises
     ------

@@ -59,11 +59,11 @@ def _option(error: click.NoSuchOption, words: Sequence[str]) -> str | None:
         place = _place(mechanism, name, _options(command))
         if place is not None:
             span = "LOWER:UPPER" if place in ("--domain", "--limits") else "VALUE"
-            return f"{error.option_name} is no option: {place} {name}={span} is"
+            return f"{error.option_name} is not an option: {place} {name}={span} is"
     having = [other for other in COMMANDS if error.option_name in _options(other)]
     if having and command in COMMANDS:
         return (
-            f"{error.option_name} is no option of pmopt {command}, but of "
+            f"{error.option_name} is not an option of pmopt {command}, but of "
             f"{', '.join(having)}; pmopt {command} --help lists its own"
         )
     return None

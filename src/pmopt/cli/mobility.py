@@ -18,7 +18,7 @@ from pmopt.reporting.tables.mobility import mobility_data, mobility_tables
     "--layout",
     default=DECLARED,
     show_default=True,
-    help="Reading of the limbs; pmopt info lists the others a mechanism has.",
+    help="Layout of the limbs; pmopt info lists the others of a mechanism.",
 )
 @options.params_option
 @click.option(
@@ -41,7 +41,7 @@ def mobility_command(
     mechanism: Mechanism, layout: str, params: tuple[str, ...], pose: tuple[str, ...],
     working_mode: str | None, samples: int, seed: int, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
-    """Freedoms, constraints and loops from the declared joints, and what finite motion keeps.
+    """Freedoms, constraints and loops from the declared joints, and after finite motion.
 
     \b
     Example:

@@ -38,7 +38,7 @@ def resuming() -> str:
 
 
 resume_option = click.option(
-    "--resume", is_flag=True, help="Take up the run in --out where it was cut off."
+    "--resume", is_flag=True, help="Continue the run in --out where it stopped."
 )
 
 
@@ -88,7 +88,7 @@ def common_options(function: Function) -> Function:
     """Add --format, --quiet and --debug."""
     for option in (
         click.option("--debug", is_flag=True, help="Show tracebacks."),
-        click.option("--quiet", is_flag=True, help="Nothing on stderr but errors."),
+        click.option("--quiet", is_flag=True, help="Print nothing but errors on stderr."),
         click.option(
             "--format", "form", type=click.Choice(["table", "json", "csv"]), default="table",
             show_default=True, help="Form of the result on stdout.",
@@ -125,7 +125,7 @@ class Count(click.ParamType):  # type: ignore[type-arg]  # not generic in every 
         except ValueError:
             number = math.nan
         if not (math.isfinite(number) and number.is_integer()):
-            self.fail(f"{value!r} is no whole number", param, ctx)
+            self.fail(f"{value!r} is not a whole number", param, ctx)
         return int(number)
 
 
@@ -167,7 +167,7 @@ def _set_strict(ctx: click.Context, param: click.Parameter, value: bool) -> None
 
 _strict_option = click.option(
     "--strict", is_flag=True, is_eager=True, expose_value=False, callback=_set_strict,
-    help="Refuse parameters beyond their bounds, which are else computed with a note.",
+    help="Refuse parameters beyond their bounds; otherwise they only cause a note.",
 )  # fmt: skip
 
 
@@ -177,9 +177,9 @@ def params_option(function: Function) -> Function:
         _strict_option,
         click.option(
             "--params", multiple=True, metavar="NAME=VALUE,..|@FILE|@RUN:DESIGN",
-            help="Design parameters, with units or in the mechanism's, or the design of a TOML, a "
-            "run (@RUN:knee, @RUN:57, @RUN:best-volume), a front (@front.csv:57) or a manifest; "
-            "repeatable. Those left out take their defaults.",
+            help="Design parameters, with units or in the mechanism's, or the design of a TOML "
+            "file, a run (@RUN:knee, @RUN:57, @RUN:best-volume), a front (@front.csv:57) or a "
+            "manifest; repeatable. Those left out take their defaults.",
         ),
     ):  # fmt: skip
         function = option(function)
@@ -192,7 +192,7 @@ def config_options(function: Function) -> Function:
         _strict_option,
         click.option(
             "--set", "sets", multiple=True, metavar="KEY=VALUE",
-            help="Instead of what the file says: a dotted key and its value, such as "
+            help="Replace a value of the file: a dotted key and its value, such as "
             "algorithm.population=50 or parameters.l1=650mm; repeatable.",
         ),
     ):  # fmt: skip
@@ -217,15 +217,15 @@ threads_option = click.option(
 )  # fmt: skip
 box_budget_option = click.option(
     "--box-budget", type=Count(), metavar="N",
-    help="Boxes examined after which a proof is left as it is: the same result on every machine.",
+    help="Boxes examined after which a proof stops where it is: the same result on every machine.",
 )  # fmt: skip
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS",
-    help="Dask scheduler that computes, such as tcp://host:8786; the result does not depend on it.",
+    help="Dask scheduler to compute on, such as tcp://host:8786; the result does not depend on it.",
 )  # fmt: skip
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), default=1, show_default=True,
-    help="Seed of everything random.",
+    help="Seed of all random numbers.",
 )  # fmt: skip
 
 
@@ -317,7 +317,7 @@ def say_unusual(beyond: Sequence[str], notes: Sequence[str] = ()) -> None:
 
 limits_option = click.option(
     "--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
-    help="Limits of joints instead of the mechanism's own; inf is allowed.",
+    help="Joint limits, which replace the mechanism's own; inf is allowed.",
 )  # fmt: skip
 
 

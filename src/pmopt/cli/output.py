@@ -76,7 +76,7 @@ def notifier(quiet: bool) -> Callable[[str], None]:
 
 
 class Report(Protocol):
-    """Takes what is done, what is planned and, if they change, the text before it and the unit.
+    """Takes the amounts done and planned and, if they change, the text before them and the unit.
 
     Parts of the text behind commas give way where there is no room. With another unit another
     count begins.
@@ -151,7 +151,7 @@ class Pace:
         return f"{_short(speed * seconds)}{self.unit}/{name}"
 
     def left(self, planned: float | None) -> str:
-        """Return the time left of what is planned, less what has passed since the last count."""
+        """Return the planned time left, less the time since the last count."""
         speed, (when, done) = self.speed, self._last
         if planned is not None and done >= planned:
             return "ETA 0:00:00"

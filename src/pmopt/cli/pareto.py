@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), help="Instead of the configuration's seed."
 )
-@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@click.option("--dry-run", is_flag=True, help="Say what would be run and how long it takes.")
 @options.common_options
 def pareto_command(
     config: Path, sets: tuple[str, ...],

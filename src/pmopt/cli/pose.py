@@ -36,7 +36,7 @@ _Block = tuple[list[dict[str, float]], list[str]]
 _MORE = "--format csv, or --out FILE, gives all"
 _out_options = (
     click.option("--out", type=options.Place(), metavar="FILE.csv|.json",
-                 help="Of many: a file of all of them, beside what is printed."),
+                 help="With many rows: a file of all of them, beside the printed output."),
     click.option("--force", is_flag=True, help="Overwrite the file."),
 )  # fmt: skip
 
@@ -58,7 +58,7 @@ def _check_out(out: Path | None, force: bool, many: str, path: Path | None) -> N
 
 
 class _Misses:
-    """How many rows are out of reach, and what the first of them is."""
+    """How many rows are out of reach, and the first of them."""
 
     def __init__(self) -> None:
         self.count = self.rows = 0
@@ -104,7 +104,7 @@ def _emit(stream: Stream[Any], form: str, title: str, out: Path | None, quiet: b
 @options.params_option
 @click.option("--working-mode", default="all", show_default=True, help="A working mode, or all.")
 @click.option("--limits", multiple=True, metavar="JOINT=LOWER:UPPER,..",
-              help="Joint limits that within_limits holds against.")  # fmt: skip
+              help="Joint limits for within_limits.")  # fmt: skip
 @_out_options[0]
 @_out_options[1]
 @options.common_options
@@ -115,8 +115,8 @@ def ik_command(
 ) -> None:  # fmt: skip
     """Inverse kinematics: the joint positions of a pose in all working modes.
 
-    A mode that exists but is not within its limits is listed, with what it exceeds and by how much.
-    Exit code 2 where no mode at all keeps the mechanism's own strokes.
+    A mode that closes the limbs but exceeds a limit is listed, with the limit and by how much. The
+    exit code is 2 where no mode at all keeps the mechanism's own strokes.
 
     Many poses are solved some hundred at a time: rows of CSV and JSON come as they are solved, a
     table shows the first 20.
@@ -183,7 +183,7 @@ def fk_command(
     mechanism: Mechanism, joints: tuple[str, ...], joints_file: Path | None, near: tuple[str, ...],
     params: tuple[str, ...], out: Path | None, force: bool, form: str, quiet: bool, debug: bool,
 ) -> None:  # fmt: skip
-    """Forward kinematics: the poses the joint positions can be assembled in, nearest to home first.
+    """Forward kinematics: the assembly modes at given joint positions, nearest to home first.
 
     Real solutions only. "complete" says whether it is proven that there are no others: by a closed
     form (2pauu-ppap, 2uu-upu) or by counting the real roots of a polynomial of degree 8 (3-ups-sp,
@@ -246,8 +246,8 @@ def jacobian_command(
 ) -> None:  # fmt: skip
     """Jacobian, singular values, LCI and the distance to singularities at a pose, or at many.
 
-    Of many poses each is a row: indices, singular values, distances and determinants, and whether
-    it is singular. A pose out of reach leaves its row empty and ends with exit code 2.
+    With many poses each is a row: indices, singular values, distances and determinants, and whether
+    it is singular. The row of a pose out of reach is empty, and the exit code is then 2.
 
     \b
     Example:
@@ -295,7 +295,7 @@ def jacobian_command(
 def _read(
     path: Path, option: str, mechanism: Mechanism, coordinates: tuple[Coordinate, ...], quiet: bool
 ) -> Rows:
-    """Return the rows of a file, all of them checked, with what is worth a word said."""
+    """Return the rows of a file, all checked; notes go to stderr."""
     rows = read_rows(path, option, mechanism, coordinates)
     for note in rows.notes:
         notifier(quiet)(note)

@@ -23,11 +23,11 @@ def simulate_command(
     threads: int | None, out: Path | None, force: bool, form: str, quiet: bool,
     debug: bool,
 ) -> int:  # fmt: skip
-    """A motion on an independent multibody engine: the errors between the two.
+    """Run a motion on an independent multibody engine and compare the two.
 
-    The engine's inverse dynamics at every instant and, with a [controller], its forward dynamics
-    under feed-forward and PID. --format csv prints the series. Ends with exit code 4 where the
-    inverse dynamics differ by more than [engine] tolerance, 0.01 % of a joint's peak.
+    The inverse dynamics are compared at every instant and, with a [controller], the forward
+    dynamics under feed-forward and PID. --format csv prints the series. The exit code is 4 where
+    the inverse dynamics differ by more than [engine] tolerance, 0.01 % of a joint's peak.
 
     \b
     Example:

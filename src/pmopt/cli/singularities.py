@@ -23,7 +23,7 @@ from pmopt.mechanisms import Mechanism
     "--path",
     type=options.Place(),
     metavar="FILE.csv",
-    help="Instead: where a path of poses, with a column t if there are times, crosses "
+    help="Instead of a survey: where a path of poses, with times in a column t if any, crosses "
     "singularities.",
 )
 @options.threads_option

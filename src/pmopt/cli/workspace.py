@@ -36,7 +36,7 @@ _PROOF = ("gap", "time_budget", "box_budget")
 @options.scheduler_option
 @options.out_options
 @options.resume_option
-@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@click.option("--dry-run", is_flag=True, help="Say what would be run and how long it takes.")
 @options.common_options
 def workspace_command(
     mechanism: Mechanism, params: tuple[str, ...], threads: int | None, scheduler: str | None,

@@ -63,7 +63,7 @@ class Cluster:
                 raise ValueError(f"port {port} is not from 1 to 65535")
         except (ValueError, OSError) as error:
             raise InputError(
-                f"--scheduler: {address!r} is no address like tcp://host:8786: {error}"
+                f"--scheduler: {address!r} is not an address like tcp://host:8786: {error}"
             ) from None
         hush()
         self.address = address

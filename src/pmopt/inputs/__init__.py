@@ -1,1 +1,1 @@
-"""What people type and what their programs write: quantities with units, tables, text of files."""
+"""What users type and their programs write: quantities with units, tables, text of files."""

@@ -72,7 +72,7 @@ def _example(path: Path, root: Path) -> Example:
 
 
 def _mechanism(text: str) -> str:
-    """Return what a configuration is of; nothing for one that is being edited in a checkout."""
+    """Return the kind of a configuration; None for one that is being edited in a checkout."""
     try:
         return str(tomllib.loads(text).get("mechanism", ""))
     except tomllib.TOMLDecodeError:
@@ -115,7 +115,7 @@ def _named(name: str) -> Example | None:
 
 
 def advice(path: Path) -> str:
-    """Return what writes a file that is missing, where it is one of an example; else nothing."""
+    """Return the command that writes a missing file of an example; else nothing."""
     found = _named(str(path))
     if found is None:
         return ""
@@ -125,7 +125,7 @@ def advice(path: Path) -> str:
 
 
 def advice_for_pattern(pattern: str) -> str:
-    """Return what lists the examples, where a pattern without a match means some of them."""
+    """Return the command that lists the examples, where a pattern without a match means some."""
     known = (Path(FOLDER, f"{example.name}.toml") for example in examples())
     if FOLDER in Path(pattern).parts and any(path.match(pattern) for path in known):
         return "; pmopt init --list names the configurations that pmopt brings"

@@ -126,4 +126,4 @@ def missing(path: Path, names: Mapping[str, Any] | list[str], command: str) -> I
                     f"{f': pmopt init {name} writes one' if command == 'pareto' else ''}"
                 )
         return InputError(f"{path}: no such file{advice(path)}")
-    return InputError(f"{path}: {describe(path) or 'is no file of text'}; a TOML file is needed")
+    return InputError(f"{path}: {describe(path) or 'is not a text file'}; a TOML file is needed")

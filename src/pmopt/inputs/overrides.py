@@ -28,7 +28,7 @@ def read_overrides(texts: Sequence[str]) -> dict[str, str]:
     Raises
     ------
     InputError
-        For what is no KEY=VALUE, and a key that is given twice.
+        For what is not a KEY=VALUE, and a key that is given twice.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -57,7 +57,7 @@ def overridden(data: dict[str, Any], texts: Sequence[str]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Also where a key leads through a value that is no table.
+        Also where a key leads through a value that is not a table.
     """
     changed = copy.deepcopy(data)
     for key, text in read_overrides(texts).items():
@@ -76,7 +76,7 @@ def set_key(data: dict[str, Any], key: str, value: Any, where: str) -> None:
     for name in path:
         data = data.setdefault(name, {})
         if not isinstance(data, dict):
-            raise InputError(f"{where}: {key}: {name} is no table")
+            raise InputError(f"{where}: {key}: {name} is not a table")
     data[last] = value
 
 

@@ -137,7 +137,7 @@ def parse_unit(text: str) -> Unit:
         factor = _FACTOR.match(plain, place)
         symbol = _ALIASES.get(factor[2], factor[2]) if factor else ""
         if factor is None or symbol not in UNITS:
-            raise QuantityError(f"{text.strip()!r} is no known unit{_hint(text.strip())}")
+            raise QuantityError(f"{text.strip()!r} is not a known unit{_hint(text.strip())}")
         exponent = int(factor[3] or factor[4] or 1)
         found = found * UNITS[symbol].power(-exponent if factor[1] == "/" else exponent)
         place = factor.end()

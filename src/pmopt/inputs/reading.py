@@ -38,7 +38,7 @@ def read_file(path: Path, largest: int = LARGEST) -> bytes:
     Raises
     ------
     OSError
-        Also for what is no regular file, or larger than ``largest`` bytes.
+        Also for what is not a regular file, or larger than ``largest`` bytes.
     """
     return _read(path, largest, pipes=False)
 

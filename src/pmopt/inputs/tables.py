@@ -1,4 +1,4 @@
-"""Tables of numbers as people have them: CSV by comma, semicolon or tab, decimal point or comma.
+"""Tables of numbers as users have them: CSV by comma, semicolon or tab, decimal point or comma.
 
 The separator is the one that the header holds, or the one of a line ``sep=``. Where it is no
 comma, cells may have a decimal comma. Lines that begin with ``#`` are comments. The unit of a
@@ -141,7 +141,7 @@ class Reader:
                 if any(cell.strip() for cell in cells):
                     yield reader.line_num + self._skipped, tuple(cells)
         except csv.Error as error:
-            raise InputError(f"{self._where}: is no CSV file: {error}") from None
+            raise InputError(f"{self._where}: is not a CSV file: {error}") from None
 
 
 @contextmanager
@@ -166,7 +166,7 @@ def open_table(path: Path, where: str, columns: Sequence[str] = ()) -> Iterator[
         except OSError as error:
             raise InputError(f"{where}: cannot read: {error.strerror or error}") from None
         except ValueError as error:
-            raise InputError(f"{where}: is no CSV file: {error}") from None
+            raise InputError(f"{where}: is not a CSV file: {error}") from None
         if lines.count > MAX_LINES:
             raise InputError(
                 f"{where}: {lines.count} lines are not allowed: at most {MAX_LINES} are read"

@@ -20,7 +20,7 @@ from pmopt.mechanisms.mechanism import Mechanism
 ENTRY_POINT_GROUP = "pmopt.mechanisms"
 #: End the names of modules that hold a part of a mechanism: its kernel text, kinematics, structure.
 _PARTS = ("_kernel", "_inverse", "_forward", "_configuration", "_structure")
-#: What holds a plug-in's mechanism against itself before it is used: module and function. Given by
+#: What checks a plug-in's mechanism before it is used: module and function. Given by
 #: name, as it is built on the analyses, which are built on mechanisms.
 _GUARD = ("pmopt.testing.kept", "require_checked")
 
@@ -138,7 +138,7 @@ def find(name: str, checked: bool = True) -> Mechanism:
     ----------
     name : str
     checked : bool
-        Whether the mechanism of a plug-in is held against itself first, once for its text.
+        Whether a plug-in's mechanism is checked first, once for its text.
 
     Raises
     ------

@@ -132,7 +132,7 @@ def drive_of(joint: AnyJoint) -> tuple[str, int] | None:
 
 @dataclass(frozen=True)
 class SerialChain:
-    """A limb: its joints from base to platform, and what is drawn and kept clear of it.
+    """A limb: its joints from base to platform, and its links for pictures and clearances.
 
     Attributes
     ----------

@@ -92,7 +92,7 @@ class Text:
         self.lines.append(f"{local} = {name}({', '.join((*arguments, 'constants'))})")
 
     def place(self, name: str, wanted: type[Any] = Vec3) -> str:
-        """Return how what is named is read, having looked whether it is there and of that kind."""
+        """Return how a name is read, after a check that it exists and is of that kind."""
         first = name.partition(".")[0]
         local = next((k for k, r in self.records.items() if first in _fields(r)), "at")
         found: Any = self.records[local]
@@ -125,7 +125,7 @@ class Text:
         return f"{local}.{name}"
 
     def vector(self, way: Way) -> list[str]:
-        """Return a vector's numbers; what is computed is so once."""
+        """Return a vector's numbers; each is computed once."""
         if isinstance(way, Vec3):
             return [repr(float(value)) for value in way]
         return _xyz(self.place(way) if isinstance(way, str) else self.local(way))

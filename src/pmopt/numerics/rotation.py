@@ -1,4 +1,4 @@
-"""Rotations of many poses at once, for what is no kernel."""
+"""Rotations of many poses at once, for code outside kernels."""
 
 from __future__ import annotations
 

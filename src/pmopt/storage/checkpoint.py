@@ -138,7 +138,7 @@ class CheckpointFolder:
             raise PmoptError(f"{path}: cannot remove: {error.strerror or error}") from error
 
     def check(self, notify: Notify | None = None) -> None:
-        """Refuse to continue what is not this run, or this run cut off.
+        """Refuse to continue anything but this run, interrupted.
 
         Another installation continues it, with a line that says so.
 
@@ -164,7 +164,9 @@ class CheckpointFolder:
             notes = [str(note) for note in run["notes"]]
             changed = installation_changes(began or {}, installation())
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            raise InputError(f"{path}: is no checkpoint of pmopt; --force starts afresh") from None
+            raise InputError(
+                f"{path}: is not a checkpoint of pmopt; --force starts afresh"
+            ) from None
         if command != self.command:
             raise InputError(f"{path}: is the checkpoint of a {command} run, not {self.command}")
         place = self.folder.parent
@@ -278,7 +280,7 @@ def _canonical(document: Any) -> bytes:
 
 
 def _run_digest(document: Mapping[str, Any]) -> str:
-    """Return the hash of what a run depends on: it may be taken up on any installation."""
+    """Return the hash of a run's inputs: it may be resumed on any installation."""
     kept = {k: v for k, v in document.items() if k not in ("sha256", "installation")}
     return _digest(_canonical(kept))
 
@@ -310,7 +312,7 @@ def changes(old: Any, new: Any, grows: Mapping[str, Grows]) -> list[str]:
 
 
 def _grows(grows: Grows, old: Any, new: Any) -> bool:
-    """Return whether a run may be continued from one value to another; never from what is none."""
+    """Return whether a run may be continued from one value to another; never from None."""
     try:
         return None not in (old, new) and grows(old, new)
     except TypeError:  # a damaged file may hold anything

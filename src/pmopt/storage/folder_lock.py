@@ -98,7 +98,7 @@ class FolderLock:
         raise PmoptError(f"{self.folder}: other commands begin and end there all the time")
 
     def _make(self) -> None:
-        """Make the folder and remember what of it was not there."""
+        """Make the folder and remember which parts of its path are new."""
         missing = []
         path = self.folder
         while not path.exists():

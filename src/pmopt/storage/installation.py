@@ -39,7 +39,7 @@ def installation() -> dict[str, Any]:
 
 
 def changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Say in a line what of an installation is another one; empty where nothing is.
+    """Say in a line how an installation differs from another; empty where it does not.
 
     Parameters
     ----------

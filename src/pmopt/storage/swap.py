@@ -4,7 +4,7 @@ The new files are complete in a folder within the folder before anything is touc
 says which names go and which come; the old ones are moved aside, the new ones to their places, and
 the journal is removed. What fails on the way is undone. Where the process died, the next command on
 the folder finds the journal and ends the work. From the journal and from what lies where, it is
-always known what is left to do: each step is the renaming of one file or folder.
+always known which steps are left: each one renames a file or folder.
 """
 
 from __future__ import annotations
@@ -116,13 +116,13 @@ def _read(journal: Path) -> tuple[list[str], list[str]]:
                 raise ValueError
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
-            f"{journal}: is no journal of pmopt; with it the folder's content is not known"
+            f"{journal}: is not a journal of pmopt; with it the folder's content is not known"
         ) from None
     return old, new
 
 
 def _complete(folder: Path, old: Sequence[str], new: Sequence[str]) -> None:
-    """Move what is still to be moved, and forget the journal."""
+    """Finish the moves, and remove the journal."""
     ahead, aside = folder / NEXT, folder / LAST
     aside.mkdir(exist_ok=True)
     for name in old:

@@ -1,4 +1,4 @@
-"""What a search has evaluated, on disk after every generation.
+"""A search's evaluations, on disk after every generation.
 
 Giving an algorithm the recorded results again restores a run (:mod:`pmopt.synthesis.optimise`):
 those of each generation, and of the designs measured again after it where there were any. The
@@ -73,7 +73,7 @@ class Checkpoint(CheckpointFolder):
         return recorded
 
     def save(self, number: int, record: Record) -> None:
-        """Record one generation, while the next one is computed: a disk takes its time."""
+        """Record one generation while the next one is computed, as disks are slow."""
         parts = [record.evaluated] if record.again is None else [record.evaluated, record.again]
         table = Evaluations.join(parts).table()
         facts = {

@@ -43,27 +43,30 @@ class AlgorithmSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    name: Literal["nsga2"] = Field(default="nsga2", description="The search")
+    name: Literal["nsga2"] = Field(default="nsga2", description="The algorithm of the search")
     population: int = Field(
-        default=200, ge=4, le=100_000, description="Designs of a generation, and most of the front"
+        default=200,
+        ge=4,
+        le=100_000,
+        description="Designs of a generation, and largest size of the front",
     )
     generations: int = Field(
         default=200, ge=1, le=1_000_000,
-        description="How many; a finished run with more of them continues",
+        description="Number of generations; with a larger number a finished run continues",
     )  # fmt: skip
     crossover_eta: FiniteFloat = Field(
         default=20.0, gt=0,
         description="Distribution index of simulated binary crossover: larger is nearer to parents",
     )  # fmt: skip
     crossover_probability: FiniteFloat = Field(
-        default=0.9, ge=0, le=1, description="Of two parents to be crossed"
+        default=0.9, ge=0, le=1, description="Probability that two parents are crossed"
     )
     mutation_eta: FiniteFloat = Field(
         default=20.0, gt=0,
-        description="Distribution index of polynomial mutation: larger is nearer to the design",
+        description="Distribution index of polynomial mutation: larger stays nearer to the design",
     )  # fmt: skip
     seed: int = Field(
-        default=1, ge=0, lt=2**63, description="Of the search and of all sample points"
+        default=1, ge=0, lt=2**63, description="Seed of the search and of all sample points"
     )
     reference: Annotated[dict[ObjectiveName, FiniteFloat], UnitByName()] = Field(
         default_factory=dict,
@@ -96,12 +99,12 @@ class FinalSettings(BaseModel):
 
     target_error: Annotated[FiniteFloat, Unit("1")] = Field(
         default=5e-4, ge=1e-7, lt=1,
-        description="Relative standard error of volume and GCI to measure each to",
+        description="Relative standard error of volume and GCI to which each design is measured",
     )  # fmt: skip
 
 
 class SearchWorkspace(WorkspaceSettings):
-    """The ``[workspace]`` table of a search, which may leave the number of samples to it."""
+    """The ``[workspace]`` table of a search, which may choose the number of samples itself."""
 
     samples: Annotated[int | None, SAMPLING] = Field(
         default=None, ge=16, le=MAX_SAMPLES,
@@ -145,7 +148,7 @@ class RunConfig(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _adaptive(cls, data: Any) -> Any:
-        """Take ``samples = "adaptive"`` for the default it is, unless another size is given."""
+        """Treat ``samples = "adaptive"`` as the default, unless another size is given."""
         workspace = data.get("workspace") if isinstance(data, dict) else None
         if not isinstance(workspace, dict) or not isinstance(workspace.get("samples"), str):
             return data
@@ -182,7 +185,7 @@ class RunConfig(BaseModel):
         for name in self.algorithm.reference:
             if name not in self.objectives:
                 raise ValueError(
-                    f"algorithm.reference: {name} is no objective of this search, allowed: "
+                    f"algorithm.reference: {name} is not an objective of this search, allowed: "
                     f"{', '.join(self.objectives)}"
                 )
         return self

@@ -1,4 +1,4 @@
-"""The Pareto front, measured finely, and what it teaches."""
+"""The Pareto front, measured finely, with its knee and idle directions."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Front:
         return {k: int(n) for k, n in zip(names, lost.sum(axis=0), strict=True) if n}
 
     def remarks(self) -> list[str]:
-        """Return a line for what may surprise in the hypervolume."""
+        """Return a line on unexpected properties of the hypervolume."""
         unit = "" if self.units["hypervolume"] == ONE else f" {self.units['hypervolume']}"
         lines = [
             f"{count} of {len(self.designs)} designs do not count in the hypervolume: their "

@@ -259,7 +259,7 @@ class Optimisation:
             )  # fmt: skip
 
     def _algorithm(self) -> Search:
-        """Return what asks for designs, at its start."""
+        """Return the algorithm that asks for designs, at its start."""
         from pymoo.core.problem import Problem
 
         from pmopt.synthesis.search import ALGORITHMS, Search
@@ -275,7 +275,7 @@ class Optimisation:
     def _measured(
         self, variables: NDArray[np.float64], samples: int | None, past: Evaluations | None
     ) -> Evaluations:
-        """Evaluate designs, or return what is recorded of them."""
+        """Evaluate designs, or return their recorded evaluations."""
         if past is None:
             return self.problem.evaluate(variables, samples)
         self.problem.recall(past)
@@ -293,7 +293,7 @@ class Optimisation:
         return error > _FINEST and gain < _DISTINGUISHED * error
 
     def _contenders(self) -> NDArray[np.float64]:
-        """Return the population and what errors may have kept from it, shape (N, v).
+        """Return the population and the designs that errors may have kept out of it, shape (N, v).
 
         The largest volume and the largest GCI are those that the points flatter most: designs
         near them wait just behind. Where there are many, they are taken in even steps of the
@@ -392,7 +392,7 @@ def _other_designs(number: int) -> str:
 
 
 def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
-    """Raise where no design is feasible, saying what rules how many out.
+    """Raise where no design is feasible, with how many each constraint rules out.
 
     Raises
     ------
@@ -427,7 +427,7 @@ def require_feasible(problem: DesignProblem, evaluated: Evaluations) -> None:
 
 
 def _of_one_design(problem: DesignProblem, evaluated: Evaluations) -> str:
-    """Say of the design that comes nearest to reaching a pose what rules that out."""
+    """Say what rules out a pose for the design that comes nearest to reaching one."""
     from pmopt.analysis.workspace.emptiness import explain
 
     row = evaluated.variables[int(np.argmax(evaluated.slack[:, 0]))]

@@ -60,7 +60,7 @@ MIN_LCI = "min_lci"
 
 @dataclass(frozen=True)
 class Evaluations:
-    """Designs and what was found of them, a row a design.
+    """Designs and their measured values, a row for each design.
 
     Attributes
     ----------
@@ -189,7 +189,7 @@ class DesignProblem:
                 for p in self.mechanism.parameters}  # fmt: skip
 
     def design(self, row: NDArray[np.float64]) -> Design:
-        """Return a design ready to be swept; one that cannot be made ready reaches nothing."""
+        """Return a design ready to be swept; one that cannot be prepared reaches nothing."""
         parameters = self.parameters(row)
         try:
             return self.sampler.design(parameters)
@@ -198,7 +198,7 @@ class DesignProblem:
             return self.sampler.space.nothing(parameters)
 
     def _project(self, sampler: Sampler, design: Design, samples: int) -> Projection:
-        """Return what a design takes of space; where that fails, of nothing."""
+        """Return the space that a design takes; none where that fails."""
         try:
             return measure_projection(sampler, design, samples)
         except Exception as error:
@@ -206,7 +206,7 @@ class DesignProblem:
             return measure_projection(sampler, sampler.space.nothing(design.parameters), samples)
 
     def _failed(self, parameters: Parameters, error: Exception) -> None:
-        """Record why one design cannot be evaluated; raise what concerns all of them."""
+        """Record why one design cannot be evaluated; raise errors that concern all designs."""
         wrong = isinstance(error, InputError) and not isinstance(error, UnreachableError)
         if wrong or isinstance(error, MemoryError):
             raise error
@@ -215,11 +215,11 @@ class DesignProblem:
 
     @property
     def failures(self) -> dict[str, int]:
-        """Why how many designs could not be evaluated so far, the most frequent reason first."""
+        """Designs that could not be evaluated so far: counts by reason, most frequent first."""
         return dict(Counter(self._reasons.values()).most_common())
 
     def recall(self, evaluated: Evaluations) -> None:
-        """Find again why designs failed whose evaluations are recorded."""
+        """Find again why designs with recorded evaluations failed."""
         for row in evaluated.variables[np.isnan(evaluated.values).any(axis=1)]:
             design = self.design(row)
             if self._projects:

@@ -139,7 +139,7 @@ def _number(designs: Population, first: int) -> None:
 
 
 def _set(designs: Population, variables: Array, objectives: Array, excess: Array) -> None:
-    """Set what is known of designs.
+    """Set the known values of designs.
 
     Their violation too, which pymoo would sum design by design; and attributes, not by their names,
     which reads each one first.

@@ -1,4 +1,4 @@
-"""A mechanism held against itself: :func:`check_mechanism`, for whoever writes one."""
+"""Checks that a mechanism is consistent: :func:`check_mechanism`, for its author."""
 
 from pmopt.testing.check import check_mechanism, examine
 from pmopt.testing.findings import Check, Examination, Finding, MechanismError

@@ -9,7 +9,7 @@ from pmopt.testing.subject import Subject
 
 
 def examine(mechanism: Mechanism, seed: int = 1) -> Examination:
-    """Hold a mechanism against itself and return what was compared and what was found.
+    """Check that a mechanism is consistent; return what was compared and what was found.
 
     Nothing is compiled: kernels are evaluated as the plain Python that they are, at some tens of
     random poses of the default design.
@@ -66,7 +66,7 @@ _STAGES = (
 
 
 def check_mechanism(mechanism: Mechanism, seed: int = 1) -> Examination:
-    """Hold a mechanism against itself; see :func:`examine`.
+    """Check that a mechanism is consistent; see :func:`examine`.
 
     Raises
     ------

@@ -32,7 +32,7 @@ _WIDE = 1e-9
 
 
 def check_words(found: Examination, mechanism: Mechanism) -> None:
-    """Names, kinds, units and what refers to what: nothing is computed."""
+    """Names, kinds, units and references: nothing is computed."""
     groups: dict[str, Sequence[Any]] = {
         "parameters": mechanism.parameters,
         "pose": mechanism.pose,

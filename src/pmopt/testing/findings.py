@@ -157,7 +157,7 @@ class Examination:
 
     @contextmanager
     def guard(self, name: str) -> Iterator[None]:
-        """Make a finding of what the mechanism raises where nothing is compared."""
+        """Make a finding of an error that the mechanism raises outside a comparison."""
         try:
             yield
         except Exception as error:
@@ -171,7 +171,7 @@ def _raised(error: Exception) -> str:
 
 @dataclass
 class Comparison:
-    """One comparison while it is made: the first thing that is wrong is what is reported.
+    """One comparison while it is made: the first error is reported.
 
     Attributes
     ----------
@@ -188,14 +188,14 @@ class Comparison:
     wrong: list[tuple[str, str]] = field(default_factory=list)
 
     def require(self, held: bool, text: str, place: str = "") -> bool:
-        """Note one requirement, with the text of what is wrong where it is not held."""
+        """Note one requirement, with the text of the error where it does not hold."""
         self.count += 1
         if not held:
             self.wrong.append((f"{text}{self.at}", place))
         return held
 
     def agree(self, deviation: float, text: str, place: str = "") -> bool:
-        """Note a deviation, with the text of what is wrong where it is beyond what is allowed."""
+        """Note a deviation, with the text of the error where it exceeds the allowed one."""
         assert self.allowed is not None
         known = deviation if math.isfinite(deviation) else math.inf
         self.deviation = max(self.deviation or 0.0, known)

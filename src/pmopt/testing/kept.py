@@ -1,4 +1,4 @@
-"""Mechanisms of plug-ins are held against themselves once for their text, before they are used."""
+"""Mechanisms of plug-ins are checked once for their text, before they are used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mechanism at its defaults, and the poses at which it is held against itself."""
+"""A mechanism at its defaults, and the poses at which it is checked."""
 
 from __future__ import annotations
 

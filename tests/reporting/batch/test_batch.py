@@ -171,10 +171,10 @@ BROKEN = {
     "[sweep]\nmechanism = []": "mechanism=[] is not allowed: a list, a range ",
     "[sweep]\na = [1, 2, 1]": "a: 1 is given twice",
     "[sweep]\na = [1, 2]\n'a.b' = [1]": "a.b is part of a: give one",
-    "[sweep]\n'a..b' = [1]": "'a..b' is no key of a configuration",
-    "[sweep]\n'' = [1]": "'' is no key of a configuration",
-    "[sweep]\n'sweep.a' = [1]": "'sweep.a' is no key of a configuration",
-    "x = 1\n[sweep]\n'x.y' = [1]": "x.y: x is no table",
+    "[sweep]\n'a..b' = [1]": "'a..b' is not a key of a configuration",
+    "[sweep]\n'' = [1]": "'' is not a key of a configuration",
+    "[sweep]\n'sweep.a' = [1]": "'sweep.a' is not a key of a configuration",
+    "x = 1\n[sweep]\n'x.y' = [1]": "x.y: x is not a table",
 }
 
 
@@ -325,7 +325,7 @@ def test_what_only_the_mechanism_refuses_is_told_before_anything_runs(write, tmp
 
 USAGE = {
     ("nothing*.toml",): "nothing*.toml: no file matches",
-    ("",): "CONFIG: '' is no name of a file",
+    ("",): "CONFIG: '' is not the name of a file",
     (".",): ".: is a folder; a quoted glob like './*.toml' is needed",
     ("missing.toml",): "missing.toml: no such file",
     ("a.toml", "--shard", "6/5"): "--shard: '6/5' is not allowed: K/N with 1 <= K <= N, e.g. 2/5",
@@ -336,7 +336,7 @@ USAGE = {
     "one of them may be over 1",
     ("a.toml", "--workers", "2", "--scheduler", "tcp://a:1"): "--scheduler and --workers exclude "
     "each other: the cluster has its own",
-    ("a.toml", "--scheduler", "nonsense"): "--scheduler: 'nonsense' is no address like "
+    ("a.toml", "--scheduler", "nonsense"): "--scheduler: 'nonsense' is not an address like "
     "tcp://host:8786: missing port number in address 'nonsense'",
     ("a.toml", "--merge"): "--merge: a.toml holds no batch",
     ("a.toml", "--merge", "--workers", "2"): "--workers: not together with --merge, which runs "

@@ -347,7 +347,7 @@ REFUSED = [
     ("step = ", "stepp = ", "m.toml: trajectory: unknown name 'stepp'"),
     ("duration = ", "duration = -", "m.toml: trajectory.duration=-0.5 is not allowed"),
     ("2pauu", "3pauu", "nearest: 2pauu-ppap"),
-    ("[trajectory]", "[trajectory", "is no TOML file"),
+    ("[trajectory]", "[trajectory", "is not a TOML file"),
 ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Boxes of poses, bisected until what is proven of them does: interval branch and bound.
+"""Boxes of poses, bisected until the proof is close enough: interval branch and bound.
 
 What is proven is about the poses that a sampled workspace counts: those in the design's box that
 keep every limit in the working mode.
@@ -57,7 +57,7 @@ def prepared(
     reads: Reads[Any],
     notify: Notify | None,
 ) -> tuple[Sampler, Design]:
-    """Return a sampler and its design, settings that nothing is proven for refused."""
+    """Return a sampler and its design; settings that proofs do not cover are refused."""
     reads.check(settings)
     sampler = make_sampler(mechanism, settings, notify=notify, where="certify")
     return sampler, sampler.design(mechanism.resolve(params or {}))
@@ -67,7 +67,7 @@ def announced(notify: Notify | None) -> Callable[[], None] | None:
     """Return what says that proofs are being compiled; None where nobody listens."""
     if notify is None:
         return None
-    return lambda: notify("compiling what proofs are evaluated with, once: some seconds")
+    return lambda: notify("compiling the code for proofs, once: some seconds")
 
 
 def relative(lower: float, upper: float) -> float:

@@ -116,7 +116,7 @@ class _Extremes:
         return np.asarray(below | (high > most + _GAP * most))
 
     def close(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
-        """Take the bounds of boxes that are not looked at any more."""
+        """Take the bounds of boxes that are no longer examined."""
         if len(low):
             self._outer[0] = min(self._outer[0], float(low.min()))
             self._outer[1] = max(self._outer[1], float(high.max()))

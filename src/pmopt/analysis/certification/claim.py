@@ -46,7 +46,7 @@ READS = Reads("certify", ClaimSettings, dict.fromkeys(INDEX, WITH_MIN_LCI), inst
 
 @dataclass(frozen=True)
 class Claim(OfSubject):
-    """A claim about every reachable pose of a box, and what became of it.
+    """A claim about every reachable pose of a box, and the verdict.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ def certify_claim(
     elif verdict == "empty":
         reachable = "none"
     reason = None
-    if verdict == "empty":  # the index is what is claimed, no restriction
+    if verdict == "empty":  # the claim is about the index, which is no restriction
         every = settings.model_copy(update={"min_lci": 0.0})
         reason = explain(mechanism, design.parameters, every)
     names = [c.name for c in mechanism.pose]

@@ -117,7 +117,7 @@ class CurveEnclosure(Enclosure):
         self.open_measure = self._open_volume()
 
     def _mirrors(self, graph: Graph, traced: TracedCurve) -> list[int]:
-        """Return the coordinates whose sign changes nothing of what is reachable."""
+        """Return the coordinates whose sign does not change which poses are reachable."""
         found = [traced.value, traced.slope, *self._kept]
         return [
             k
@@ -292,7 +292,7 @@ class CurveEnclosure(Enclosure):
         return float(self._columns.opening.sum()) * (1 + (_MOST_COLUMNS + 4 * _GROUP) * EPS)
 
     def _axes(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return across which coordinate columns are to be split.
+        """Return the coordinate across which each column is to be split.
 
         That in which a narrower box narrows slope and bend of the first open cell most.
         """

@@ -116,7 +116,7 @@ class Sheet(Enclosure):
     # -- the cover -----------------------------------------------------------------------
 
     def _cover(self, mechanism: Mechanism) -> None:
-        """Cover what is connected with home by cells, and keep those."""
+        """Cover the poses connected with home by cells, and keep the cells."""
         k = len(self._inner)
         count = 2**_FIRST
         places = np.stack(np.meshgrid(*[np.arange(count)] * k, indexing="ij"), axis=-1)

@@ -101,7 +101,7 @@ class CertifiedVolume(OfSubject):
 
     @property
     def note(self) -> str:
-        """What the bounds are of, and whether they are what was asked for."""
+        """Which quantity the bounds enclose, and whether they are as close as asked for."""
         text = "guaranteed bounds; of the poses in the domain that keep every limit"
         if self.stopped == "time budget":
             return f"{text}; stopped at the time budget: how close they are depends on the machine"

@@ -114,7 +114,7 @@ class Assembling:
         return {} if found is None else {programs.assembling(found): ("assemble_all",)}
 
     def say(self, notify: Callable[[str], None]) -> None:
-        """Have a line said where it still has to be compiled."""
+        """Notify once where it still has to be compiled."""
         name = self.mechanism.name
         for compiled in self.kernels:
             compiled.on_compile = lambda: notify(

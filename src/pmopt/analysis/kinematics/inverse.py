@@ -161,7 +161,7 @@ class Inverting:
         return {} if found is None else {programs.assembling(found): ("assemble_all",)}
 
     def say(self, notify: Callable[[str], None]) -> None:
-        """Have a line said where it still has to be compiled."""
+        """Notify once where it still has to be compiled."""
         name = self.mechanism.name
         for compiled in self.kernels:
             compiled.on_compile = lambda: notify(

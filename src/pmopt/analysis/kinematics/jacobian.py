@@ -246,7 +246,7 @@ class Jacobians:
 
     @cached_property
     def reference(self) -> JacobianResult:
-        """The result at home of the default design: what there is to be measured."""
+        """The result at home of the default design: the quantities that exist."""
         mechanism = self.mechanism
         return jacobian_at(mechanism, None, mechanism.home(mechanism.resolve({})))
 

@@ -58,7 +58,7 @@ def of_limb(limited: str, name: str) -> bool:
 
 
 class Limits:
-    """Ranges of coordinates that values are held against, many times."""
+    """Ranges of coordinates against which many values are checked."""
 
     def __init__(
         self, mechanism: Mechanism, ranges: Ranges, coordinates: Sequence[Coordinate]

@@ -49,14 +49,14 @@ def rank(columns: Matrix) -> int:
 
 
 def span(columns: Matrix) -> Matrix:
-    """Return an orthonormal basis of what the columns span."""
+    """Return an orthonormal basis of the span of the columns."""
     u, _, _, count = _svd(columns)
     basis: Matrix = u[:, :count]
     return basis
 
 
 def null(rows: Matrix) -> Matrix:
-    """Return an orthonormal basis of what every row is perpendicular to."""
+    """Return an orthonormal basis of the space perpendicular to every row."""
     if rows.shape[0] == 0:
         return np.eye(rows.shape[1])
     _, _, vt, count = _svd(rows)
@@ -85,7 +85,7 @@ def reciprocal(space: Matrix) -> Matrix:
 
 
 def intersection(*spaces: Matrix) -> Matrix:
-    """Return an orthonormal basis of what all spaces share."""
+    """Return an orthonormal basis of the intersection of all spaces."""
     outside = [null(space.T) for space in spaces]
     return null(np.hstack(outside).T)
 

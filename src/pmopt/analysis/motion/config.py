@@ -60,9 +60,9 @@ LARGEST_MASS, LARGEST_INERTIA = 1e12, 1e18
 RATE, ACCELERATION, EFFORT, POWER = "_rate", "_acceleration", "_effort", "_power"
 
 #: What keys of several tables mean.
-DENSITY_KEY = "Of its material; the default is steel"
-OFFSET_KEY = "Of the body from that place, in the link's frame"
-INERTIA_KEY = "About the centre of mass: the diagonal, or three rows"
+DENSITY_KEY = "Density of its material; the default is steel"
+OFFSET_KEY = "Shift of the body from that place, in the link's frame"
+INERTIA_KEY = "Inertia about the centre of mass: the diagonal, or three rows"
 
 _FROZEN = ConfigDict(frozen=True, extra="forbid", strict=True)
 #: Where the points of a motion come from, and the keys that go with each source.
@@ -82,7 +82,7 @@ class FitSettings(BaseModel):
     model_config = _FROZEN
 
     kind: Literal["harmonics", "spline"] = Field(description="What is fitted by least squares")
-    count: int | None = Field(default=None, ge=1, le=50, description="Of harmonics: how many")
+    count: int | None = Field(default=None, ge=1, le=50, description="Of harmonics: their number")
     period: Annotated[
         Positive | Literal["free"] | dict[str, Positive | Literal["free"]] | None, Unit("s")
     ] = Field(
@@ -90,7 +90,7 @@ class FitSettings(BaseModel):
         description="Of harmonics, one or by coordinate; `free`: the one with the least residual",
     )
     pieces: int | None = Field(
-        default=None, ge=1, le=10_000, description="Of the spline of degree 5: equally long ones"
+        default=None, ge=1, le=10_000, description="Of a spline of degree 5: how many pieces"
     )
 
     @model_validator(mode="before")
@@ -130,7 +130,7 @@ class GateSettings(BaseModel):
     )
     radius: Size = Field(description="Roundings begin and end this far from the corners")
     cycle: Seconds = Field(description="Time there and back")
-    cycles: int = Field(default=1, ge=1, le=10_000, description="How many")
+    cycles: int = Field(default=1, ge=1, le=10_000, description="Number of cycles")
 
 
 class TrajectorySettings(BaseModel):
@@ -151,10 +151,10 @@ class TrajectorySettings(BaseModel):
     )
     duration: Annotated[Positive | None, Unit("s")] = Field(
         default=None,
-        description="Of the whole motion. Expressions need one; of waypoints it may follow from "
-        "their times or from the largest rates, of a recording it is that of its rows",
+        description="Duration of the motion. Expressions need it; for waypoints it may follow from "
+        "their times or the largest rates, for a recording it is that of its rows",
     )
-    step: Seconds = Field(default=0.01, description="Between two instants that are computed")
+    step: Seconds = Field(default=0.01, description="Time between two computed instants")
     constants: dict[str, FiniteFloat] = Field(
         default_factory=dict, description="Numbers by name, for the expressions"
     )
@@ -169,7 +169,7 @@ class TrajectorySettings(BaseModel):
         description="CSV file beside the configuration: `t` and every coordinate",
     )  # fmt: skip
     law: LawName = Field(
-        default="quintic", description="How a stretch between two points is run through"
+        default="quintic", description="Law of motion on a stretch between two points"
     )
     blend: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
         default=None,
@@ -188,10 +188,10 @@ class TrajectorySettings(BaseModel):
         default_factory=dict, description="Largest acceleration by coordinate, with `max_rate`"
     )
     spline: Literal["quintic", "cubic"] = Field(
-        default="quintic", description="Through the rows of `file`"
+        default="quintic", description="Kind of the spline through the rows of `file`"
     )
     ends: Literal["free", "rest", "periodic"] = Field(
-        default="free", description="Of that spline: free, at rest, or the end as the beginning"
+        default="free", description="Ends of that spline; periodic: the end equals the beginning"
     )
     largest_step: Annotated[Positive | None, Unit("s")] = Field(
         default=None,
@@ -269,8 +269,8 @@ class DiscSettings(BaseModel):
 
     model_config = _FROZEN
 
-    diameter: Size = Field(description="Of the disc")
-    thickness: Size = Field(description="Along its normal")
+    diameter: Size = Field(description="Diameter of the disc")
+    thickness: Size = Field(description="Thickness along its normal")
     normal: Literal["x", "y", "z"] = Field(default="z", description="Axis of the link's frame")
     density: Density = Field(default=STEEL, description=DENSITY_KEY)
     offset: Place = Field(default=(0.0, 0.0, 0.0), description=OFFSET_KEY)
@@ -293,7 +293,7 @@ class TriangleSettings(BaseModel):
 
     model_config = _FROZEN
 
-    side: Size = Field(description="Of the triangle")
+    side: Size = Field(description="Side of the triangle")
     thickness: Size = Field(description="Along z of the link's frame")
     density: Density = Field(default=STEEL, description=DENSITY_KEY)
     offset: Place = Field(default=(0.0, 0.0, 0.0), description=OFFSET_KEY)
@@ -307,8 +307,10 @@ class PayloadSettings(BaseModel):
 
     model_config = _FROZEN
 
-    mass: Annotated[NotNegative, Unit("kg")] = Field(description="Of what the platform carries")
-    centre: Place = Field(default=(0.0, 0.0, 0.0), description="Of mass, in the platform's frame")
+    mass: Annotated[NotNegative, Unit("kg")] = Field(description="Mass that the platform carries")
+    centre: Place = Field(
+        default=(0.0, 0.0, 0.0), description="Centre of mass, in the platform's frame"
+    )
     inertia: Annotated[Inertia, Unit("kg m^2")] = Field(
         default=(0.0, 0.0, 0.0), description=INERTIA_KEY
     )
@@ -328,7 +330,7 @@ class BodySettings(BaseModel):
     )
     part: Part | None = Field(
         default=None,
-        description="Of a parallelogram joint: what is behind it, or its long bars. Default: "
+        description="Of a parallelogram joint: the link behind it, or its long bars. Default: "
         "`link`",
     )
     rod: RodSettings | None = Field(
@@ -343,10 +345,10 @@ class BodySettings(BaseModel):
     )
     mass: Annotated[NotNegative | None, Unit("kg")] = Field(
         default=None,
-        description="Instead of a shape. Of a known body a new mass alone scales its inertia",
+        description="Mass, instead of a shape. A new mass alone scales the inertia of a known body",
     )
     centre: Annotated[Triple | None, Unit(LENGTH)] = Field(
-        default=None, description="Of mass, in the link's frame"
+        default=None, description="Centre of mass, in the link's frame"
     )
     inertia: Annotated[Inertia | None, Unit("kg m^2")] = Field(
         default=None, description=INERTIA_KEY
@@ -381,14 +383,14 @@ class ControllerSettings(BaseModel):
 
     kp: Annotated[Gain, UnitInWords("N or N m, by length unit or rad")] = Field(
         default=None,
-        description="Effort by error of position, one or by joint. Default: where no gain is "
-        "given, from the inertia that each joint feels; else 0",
+        description="Effort per error of position, one value or by joint. Default: where no gain "
+        "is given, from the inertia that each joint feels; else 0",
     )
     ki: Annotated[Gain, UnitInWords("that of kp, by s")] = Field(
-        default=None, description="Effort by the error's integral over time. Default: 0"
+        default=None, description="Effort per integral of the error over time. Default: 0"
     )
     kd: Annotated[Gain, UnitInWords("that of kp, times s")] = Field(
-        default=None, description="Effort by the error of the rate. Default: as kp"
+        default=None, description="Effort per error of the rate. Default: as kp"
     )
     feedforward: bool = Field(
         default=False, description="Add the motion's own effort in the middle of the hold"
@@ -407,12 +409,12 @@ class EngineSettings(BaseModel):
 
     model_config = _FROZEN
 
-    name: Literal["mujoco"] = Field(default="mujoco", description="The engine")
-    step: Seconds = Field(default=0.001, description="Of its integration")
+    name: Literal["mujoco"] = Field(default="mujoco", description="The multibody engine")
+    step: Seconds = Field(default=0.001, description="Step of its integration")
     tolerance: Annotated[Positive, Unit("%")] = Field(
         default=0.01,
-        description="Of a joint's peak effort: largest difference of the inverse dynamics before "
-        "the comparison counts as failed",
+        description="Of a joint's peak effort: largest difference of the inverse dynamics, beyond "
+        "which the comparison has failed",
     )
 
 
@@ -429,21 +431,21 @@ class MotionConfig(BaseModel):
     )
     working_mode: str | None = Field(
         default=None,
-        description="By name; `pmopt info` lists them. Default: the mechanism's first",
+        description="Working mode by name; `pmopt info` lists them. Default: the mechanism's first",
     )
     gravity: Annotated[Triple | None, Unit("m/s^2")] = Field(
-        default=None, description="Along x, y, z of the base. Default: 9.81 m/s^2 downwards"
+        default=None, description="Gravity along x, y, z of the base. Default: 9.81 m/s^2 downwards"
     )
     efforts: bool = Field(
-        default=True, description="Compute forces, torques and power, or only how it moves"
+        default=True, description="Whether to compute forces, torques and power, or only the motion"
     )
-    trajectory: TrajectorySettings = Field(description="Where it moves, and when")
+    trajectory: TrajectorySettings = Field(description="The path, and its timing")
     bodies: dict[str, BodySettings] = Field(
         default_factory=dict,
-        description="Bodies of the mechanism that are changed, by name, and further ones",
+        description="Bodies by name: changes to the mechanism's own, and further ones",
     )
     payload: PayloadSettings | None = Field(
-        default=None, description="On the platform; a point mass unless it has an inertia"
+        default=None, description="Payload on the platform; a point mass unless it has an inertia"
     )
     limits: Annotated[dict[str, Annotated[Range, Field(strict=False)]], UnitByName()] = Field(
         default_factory=dict,
@@ -740,7 +742,7 @@ def _bodies(
 
 
 def _properties(settings: BodySettings, known: Body | None, where: str) -> MassProperties:
-    """Return mass, centre and inertia, what is not given from the known body.
+    """Return mass, centre and inertia; what is not given comes from the known body.
 
     A new mass alone scales the inertia: the same shape of another density.
     """

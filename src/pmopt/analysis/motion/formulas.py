@@ -133,7 +133,7 @@ def parse(text: str, constants: Mapping[str, float], where: str) -> Formula:
     if not source:
         raise InputError(f"{place} is empty: a formula is needed: {_LANGUAGE}")
     if re.search(r"[\n\r;#]", source):
-        raise InputError(f"{place} is no formula: one expression is needed: {_LANGUAGE}")
+        raise InputError(f"{place} is not a formula: one expression is needed: {_LANGUAGE}")
     nesting = 0
     for position, character in enumerate(text, start=1):
         nesting += (character in "([{") - (character in ")]}")
@@ -147,7 +147,7 @@ def parse(text: str, constants: Mapping[str, float], where: str) -> Formula:
         position = lead + min(max(error.offset or 1, 1), len(source) + 1)
         raise InputError(f"{place}, position {position}: {error.msg}") from None
     except (ValueError, RecursionError, MemoryError) as error:
-        raise InputError(f"{place} is no formula: {error}") from None
+        raise InputError(f"{place} is not a formula: {error}") from None
     builder = _Builder(source, place, lead, _CONSTANTS | dict(constants))
     return Formula(text, where, builder.build(tree.body, 0))
 

@@ -1,4 +1,4 @@
-"""A motion as a record: what is asked of it, and what is found."""
+"""A motion as a record: its task and its results."""
 
 from __future__ import annotations
 

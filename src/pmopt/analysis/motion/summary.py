@@ -63,7 +63,7 @@ def columns(motion: Motion, mechanism: Mechanism) -> dict[str, Series]:
 
     Pose, parasitic coordinates, joints and passive joints; then rate and acceleration of each; then
     effort and power of the actuated joints; then angular velocity and acceleration of the platform
-    and energies. A joint that also is a pose coordinate stands once.
+    and energies. A joint that is also a pose coordinate is listed once.
     """
     courses = (motion.pose, motion.parasitic, motion.joints, motion.passive)
     found: dict[str, Series] = {}

@@ -136,10 +136,10 @@ def _from_waypoints(task: MotionTask) -> Planned:
         ("max_rate or max_acceleration", limited),
     ) if on]  # fmt: skip
     if len(said) != 1:
-        ways = " and ".join(said) or "nothing"
+        sources = " and ".join(said) or "nothing"
         raise InputError(
             f"{where}: how long it takes is given by one of duration, times t of the waypoints, "
-            f"max_rate and max_acceleration: {ways} given"
+            f"max_rate and max_acceleration: {sources} given"
         )
     blend = settings.blend
     if limited:

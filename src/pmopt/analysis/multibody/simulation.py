@@ -172,7 +172,7 @@ def holds(task: MotionTask) -> tuple[float, int]:
     Raises
     ------
     InputError
-        If it is no whole number of steps.
+        If it is not a whole number of steps.
     """
     step = engine_settings(task).step
     controller = task.config.controller
@@ -208,7 +208,7 @@ def simulate_motion(
     Raises
     ------
     InputError
-        If the mechanism has no masses, or for a hold that is no whole number of steps.
+        If the mechanism has no masses, or for a hold that is not a whole number of steps.
     PmoptError
         If the engine is missing or its loops do not close.
     """

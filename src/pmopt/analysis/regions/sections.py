@@ -117,7 +117,7 @@ class SurfaceMesh:
 
 @dataclass(frozen=True)
 class _Location:
-    """A box around what is reachable and, for each coordinate, a level that shows much of it."""
+    """A box around the reachable set and, for each coordinate, a level that shows much of it."""
 
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
@@ -182,7 +182,7 @@ def section_fields(
 def _measured(
     measure: Measure, poses: NDArray[np.float64], inside: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what is measured where poses are reachable, NaN elsewhere."""
+    """Return the measure where poses are reachable, NaN elsewhere."""
     values = np.full(inside.size, np.nan)
     kept = inside.ravel() >= 0
     values[kept] = measure(np.ascontiguousarray(poses[:, kept]))

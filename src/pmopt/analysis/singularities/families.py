@@ -44,7 +44,7 @@ _TOUCHES = 1e-13
 
 @dataclass(frozen=True)
 class Family:
-    """A slice of what can be reached that is singular throughout.
+    """A slice of the reachable set that is singular throughout.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class _Search:
         return determinants_along(self.sampler.evaluator, self.design, poses, axes, values)
 
     def _common(self, k: int, through: NDArray[np.float64], value: float, count: int) -> bool:
-        """Return whether lines have the zero that get there: some of them, and nearly all."""
+        """Return whether nearly all lines that reach it, and at least some, have the zero."""
         poses = through.copy()
         poses[k] = value
         able = self.sampler.evaluator.field(self.design, poses)[0] >= 0

@@ -180,7 +180,7 @@ def find_singularities(
     params : mapping, optional
         Design parameters; those left out take their defaults.
     settings : WorkspaceSettings, optional
-        ``samples`` are the poses behind the volumes of aspects; :data:`READS` is what is read.
+        ``samples`` are the poses behind the volumes of aspects; :data:`READS` lists what is read.
     seed : int
     threads : int, optional
         The result is the same for any number.
@@ -365,7 +365,7 @@ def _zeros(
 
 
 def _always(zeros: list[dict[str, float]]) -> dict[str, float]:
-    """Return what is the same in all of some points: coordinates, or their sizes as ``|name|``."""
+    """Return what some points have in common: coordinates, or their sizes as ``|name|``."""
     if len(zeros) < _ZEROS // 2:
         return {}
     found = {}

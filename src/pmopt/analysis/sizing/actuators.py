@@ -427,7 +427,7 @@ def compute_capability(
     parameters : mapping
         Complete and checked.
     settings : WorkspaceSettings
-        Domain, limits and working mode of the workspace; :data:`READS` is what is read.
+        Domain, limits and working mode of the workspace; :data:`READS` lists what is read.
     task : Task
     limits : mapping
         ``<joint>_rate`` (length unit/s, rad/s) and ``<joint>_effort`` (N, N m), each a size; those
@@ -604,7 +604,7 @@ class _Binned:
 
 
 def _error(values: Sequence[float], pooled: float) -> float:
-    """Return the standard error of what all replicates together give, from that of each.
+    """Return the standard error of the pooled value of all replicates, from the value of each.
 
     That of their mean, raised by what an error from few replicates misses (the standard deviation
     of Student's t), and how far the mean is from the pooled value: quantiles of few points are

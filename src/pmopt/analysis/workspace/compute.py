@@ -96,7 +96,7 @@ class WorkspaceResult(OfSubject):
         if self.projection is None:
             return None
         found: Quantity = getattr(self.projection, name)
-        # Where poses are positions the volume is the workspace's own, and so is its error.
+        # Where poses are positions, volume and error are those of the workspace.
         error = self.error_name if found is self.volume else "standard_error"
         entry: dict[str, Any] = {
             "value": number(found.value),

@@ -1,4 +1,4 @@
-"""Why nothing is reachable: which of the restrictions rules it out, and what is without it.
+"""Why nothing is reachable: the restriction that rules it out, and what is reachable without it.
 
 Restrictions are dropped one at a time; where that does not do, all of them, and then as many are
 taken back as leave something reachable. What is found is found on a sample of poses.
@@ -63,7 +63,7 @@ class _Trial:
 
 @dataclass
 class _Question:
-    """A workspace with nothing in it, and trials without some of what restricts it."""
+    """An empty workspace, and trials without some of its restrictions."""
 
     mechanism: Mechanism
     parameters: Parameters
@@ -262,7 +262,7 @@ def explain(
     settings: WorkspaceSettings,
     free: Sequence[str] = (),
 ) -> str:
-    """Say which restrictions leave nothing reachable, and what is without them.
+    """Say which restrictions leave nothing reachable, and what is reachable without them.
 
     Parameters
     ----------
@@ -321,7 +321,7 @@ def nothing_reachable(
     where: str,
     samples: int | None = None,
 ) -> InfeasibleError:
-    """Return the error for a workspace with nothing in it, or of which no sample was met."""
+    """Return the error for a workspace that is empty, or in which no sample was reachable."""
     sampled = make_sampler(mechanism, settings).design(parameters).box_volume > 0
     met = f"none of {samples} poses is" if samples and sampled else "nothing is"
     return InfeasibleError(f"{where}: {met} reachable: {explain(mechanism, parameters, settings)}")

@@ -1,4 +1,4 @@
-"""What is proven of a workspace."""
+"""Proven results on a workspace."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class CertifiedVolume(Showing, volume.CertifiedVolume):
 
 
 class Claim(Showing, claim.Claim):
-    """A claim about every reachable pose of a box, and what became of it."""
+    """A claim about every reachable pose of a box, and the verdict."""
 
     _design: Design
     _settings: WorkspaceSettings

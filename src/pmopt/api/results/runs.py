@@ -69,7 +69,7 @@ class MotionRun(Showing, motion_run.MotionRun):
 
 
 class SimulationRun(Showing, simulate_run.SimulationRun):
-    """A motion, what the engine says of it, and how well both agree."""
+    """A motion, the engine's results for it, and how well both agree."""
 
     frames: ClassVar[tuple[str, ...]] = ("series", "agreement")
 

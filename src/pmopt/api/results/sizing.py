@@ -1,4 +1,4 @@
-"""What a task asks of the motors over a workspace."""
+"""Rates and efforts that a task needs over a workspace."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Capability(Showing, actuators.Capability):
 
     @named
     def plot(self) -> Axes:
-        """Draw sections with how much of what the motors have is asked for.
+        """Draw sections with the share of the motors' capability that is needed.
 
         Raises
         ------

@@ -25,7 +25,7 @@ def draw_part(
     design: Design, settings: WorkspaceSettings, part: Part, sampled: Sampled | None = None,
     seed: int = 1, threads: int | None = None,
 ) -> Axes:  # fmt: skip
-    """Return the axes of a picture of a design's workspace, sampled first where it is not."""
+    """Return the axes of a picture of a design's workspace, which is sampled first if needed."""
     from pmopt.reporting.runs import run_pictures
     from pmopt.reporting.runs.tasks import WorkspaceTask
 

@@ -124,7 +124,7 @@ def find_configs(patterns: Sequence[str]) -> list[str]:
                 lines.append(f"{pattern}: no file matches{advice_for_pattern(pattern)}")
         for match in matches:
             if not match:
-                lines.append("CONFIG: '' is no name of a file")
+                lines.append("CONFIG: '' is not the name of a file")
             if os.path.isdir(match):
                 what = describe(Path(match))
                 lines.append(f"{match}: {what}; a quoted glob like '{match}/*.toml' is needed")
@@ -180,7 +180,7 @@ def plan_runs(paths: Iterable[str], sets: Sequence[str] = ()) -> list[PlannedRun
 
 
 def _changed(data: dict[str, Any], sets: Sequence[str]) -> dict[str, Any]:
-    """Return a configuration with what is set on the command line, lists as a sweep."""
+    """Return a configuration with the values set on the command line, lists as a sweep."""
     for key, text in read_overrides(sets).items():
         try:
             values = sweep_values(text)
@@ -236,7 +236,7 @@ def _axes(table: Any, place: str, prefix: str = "") -> Iterator[tuple[str, list[
             yield from _axes(values, place, f"{key}.")
             continue
         if not all(key.split(".")) or key.split(".")[0] == SWEEP:
-            raise InputError(f"{place}: {key!r} is no key of a configuration")
+            raise InputError(f"{place}: {key!r} is not a key of a configuration")
         values = _listed(values, f"{place}: {key}")
         texts = Counter(_text(value) for value in values)
         for text, times in texts.items():

@@ -145,7 +145,7 @@ def run_batch(
     force: bool = False,
     notify: Notify | None = None,
 ) -> BatchResult:
-    """Run configurations, or what is not done of them, into a folder.
+    """Run configurations, or those not yet done, into a folder.
 
     Parameters
     ----------

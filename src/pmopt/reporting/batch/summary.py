@@ -94,7 +94,7 @@ class BatchResult:
 
     @property
     def infeasible(self) -> bool:
-        """Whether there are runs, and none of them found anything feasible or reachable."""
+        """Whether there are runs, none of which found anything feasible or reachable."""
         return bool(self.runs) and all(run.status == "infeasible" for run in self.runs)
 
     @property
@@ -225,7 +225,7 @@ def _checked(results: Results) -> Results:
 
 
 def summary_of(planned: Mapping[str, Any], folder: Path) -> RunSummary:
-    """Return what has become of a planned run, by what is in its folder."""
+    """Return the state of a planned run, from the files in its folder."""
     status: Status = "pending"
     message, results, wall_time = "", Results({}, {}), None
     manifest = read_manifest(folder)

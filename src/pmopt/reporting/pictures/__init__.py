@@ -1,1 +1,1 @@
-"""Drawing of what is already computed."""
+"""Drawing of computed results."""

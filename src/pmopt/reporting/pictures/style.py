@@ -341,7 +341,7 @@ def index_scale(values: ArrayLike) -> IndexScale:
 
 
 def draw_index_bar(figure: Figure, beside: Axes, scale: IndexScale, result: WorkspaceResult) -> Any:
-    """Draw the colours of LCI, and say how much of what is shown is beyond them."""
+    """Draw the colours of LCI, and say what share of the values lies beyond them."""
     bar = figure.colorbar(scale.mappable, cax=beside, extend="max" if scale.beyond else "neither")
     text = index_label(result)
     bar.set_label(f"{text}, {100 * scale.beyond:.1g} % larger" if scale.beyond else text)

@@ -200,7 +200,7 @@ def section_panels(
 
 
 def outline_of(axes: Axes, section: Section) -> PathPatch | None:
-    """Draw the outline of what is reachable; None where nothing is."""
+    """Draw the outline of the reachable set; None where it is empty."""
     from matplotlib.patches import PathPatch
 
     if section.inside.max() < 0:
@@ -236,7 +236,7 @@ def image_place(section: Section) -> tuple[float, float, float, float]:
 
 
 def _draw_section(axes: Axes, section: Section, largest: float, edges: Sequence[float]) -> None:
-    """Draw LCI and the edges of its regions, clipped to the outline of what is reachable."""
+    """Draw LCI and the edges of its regions, clipped to the outline of the reachable set."""
     x, y, values = section.horizontal, section.vertical, section.continued
     outline = outline_of(axes, section)
     if outline is None:

@@ -115,7 +115,7 @@ class CapabilityTask:
                 int(document["seed"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"{where}: is no manifest of a capability run: {error}") from None
+            raise InputError(f"{where}: is not the manifest of a capability run: {error}") from None
 
 
 def compute(
@@ -272,7 +272,7 @@ def _task_text(result: Capability, with_unit: Callable[[str, str], str] = with_u
 def draw_capability(
     asked: CapabilityTask, result: Capability, threads: int | None = None
 ) -> dict[str, bytes]:
-    """Return sections that show how much of what the motors have is asked for, by file name."""
+    """Return sections that show the needed share of the motors' capability, by file name."""
     given = asked.limits
     if not given or result.reachable == 0:
         return {}

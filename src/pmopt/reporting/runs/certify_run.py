@@ -1,4 +1,4 @@
-"""Runs of what is proven: results, tables and files."""
+"""Runs of proofs: results, tables and files."""
 
 from __future__ import annotations
 

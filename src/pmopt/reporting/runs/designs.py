@@ -91,9 +91,9 @@ def _json(path: Path, where: str) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{where}: {path}: cannot read: {error.strerror or error}") from None
     except ValueError as error:
-        raise InputError(f"{where}: {path}: is no JSON file: {error}") from None
+        raise InputError(f"{where}: {path}: is not a JSON file: {error}") from None
     if not isinstance(document, dict):
-        raise InputError(f"{where}: {path}: is no run and no result of one")
+        raise InputError(f"{where}: {path}: is neither a run nor the result of one")
     return document
 
 
@@ -128,7 +128,7 @@ def _of_manifest(
         and all(isinstance(config.get(key), dict) for key in ("parameters", "workspace"))
         and isinstance(config.get("objectives"), list)
     ):
-        raise InputError(f"{where}: {folder / MANIFEST}: is no manifest of a search")
+        raise InputError(f"{where}: {folder / MANIFEST}: is not the manifest of a search")
     _check_mechanism(config, mechanism, where)
     if chosen is None:
         best = ", ".join(f":{_BEST}{name}" for name in config["objectives"])
@@ -155,7 +155,7 @@ def _of_table(path: Path, chosen: str | None, mechanism: Mechanism, where: str) 
     names = [p.name for p in mechanism.parameters if p.name in table.names]
     if "design" not in table.names or not names:
         raise InputError(
-            f"{where}: {path}: is no front of {mechanism.name}: columns design and "
+            f"{where}: {path}: is not a front of {mechanism.name}: columns design and "
             f"{', '.join(p.name for p in mechanism.parameters)} are needed"
         )
     row = _row(table, chosen, where)
@@ -200,7 +200,7 @@ def _of_document(
         if key in document:
             table = document[key]
     if not isinstance(table, dict):
-        raise InputError(f"{where}: parameters is no table of NAME = VALUE")
+        raise InputError(f"{where}: parameters is not a table of NAME = VALUE")
     if table is document and "mechanism" in document:  # all parameters at their defaults
         table = {}
     ranges = [name for name, value in table.items() if _is_range(value)]

@@ -33,7 +33,7 @@ RECORDING = "recording.csv"
 
 @dataclass(frozen=True)
 class MotionRun:
-    """A motion and what is reported of it.
+    """A motion and its report.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class MotionRun:
         return text + f"worst at t={_time(t[worst.worst])} s, {worst.text}"
 
     def _severity(self, span: Span) -> float:
-        """Order spans by what they miss: lengths count over the characteristic length.
+        """Order spans by the size of the miss: lengths count over the characteristic length.
 
         At a singularity efforts have no bound, whatever its index is.
         """
@@ -346,7 +346,7 @@ def fit_table(residuals: tuple[Residual, ...]) -> Table:
 
 
 def motion_tables(run: MotionRun) -> list[Table]:
-    """Return what is shown of a run: spans where it is infeasible, else the demands and the fit."""
+    """Return the tables of a run: spans where it is infeasible, else the demands and the fit."""
     if run.infeasible:
         return [spans_table(run)]
     fits = [fit_table(run.planned.residuals)] if run.planned.residuals else []

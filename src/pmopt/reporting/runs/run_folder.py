@@ -153,7 +153,7 @@ class RunFolder:
         self.release()
 
     def release(self) -> None:
-        """Let others have the folder, and leave nothing but a checkpoint of what is not closed."""
+        """Release the folder; of an unfinished run only a checkpoint stays."""
         if self._opened:
             with contextlib.suppress(OSError):
                 self._forget()
@@ -238,7 +238,7 @@ class RunFolder:
             raise
 
     def _forget(self) -> None:
-        """Remove what is staged, but no checkpoint: that may be taken up again."""
+        """Remove staged files, but no checkpoint: it may be resumed."""
         staged = self.path / NEXT
         if is_unfinished(self.path) or staged.is_symlink() or not staged.is_dir():
             return

@@ -64,7 +64,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class SimulationRun:
-    """A motion, what the engine says of it, and how well both agree."""
+    """A motion, the engine's results for it, and how well both agree."""
 
     task: MotionTask
     motion: MotionRun

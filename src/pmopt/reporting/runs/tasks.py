@@ -17,7 +17,7 @@ from pmopt.units import ONE
 
 @dataclass(frozen=True)
 class WorkspaceTask:
-    """What is to be sampled."""
+    """The settings of a sampled workspace."""
 
     mechanism: Mechanism
     parameters: Parameters
@@ -53,7 +53,7 @@ class WorkspaceTask:
                 int(document["shape_grid"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"{where}: is no manifest of a workspace run: {error}") from None
+            raise InputError(f"{where}: is not the manifest of a workspace run: {error}") from None
 
 
 @dataclass(frozen=True)

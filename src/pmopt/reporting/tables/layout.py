@@ -32,7 +32,7 @@ _UNIT = r"(?:mm|m|rad|deg|kg|s|N|W|J|%)(?:\^\d+)?(?:/\(?[a-z]+(?:\^\d+)?(?: [a-z
 class Style:
     """How a table is drawn: open on a terminal, framed in a file or a pipe.
 
-    ``rule`` is what lines are made of.
+    ``rule`` is the character of lines.
     """
 
     framed: bool = False
@@ -225,7 +225,7 @@ def _drawn(
 
 
 def _widths(columns: Sequence[_Column], width: int | None, style: Style, prose: int) -> list[int]:
-    """Give what is left of the width to heads and prose that would be broken, least first."""
+    """Give the rest of the width to heads and prose that would be broken, least first."""
     if width is None:
         return [c.widest for c in columns]
     widths = [c.narrowest(prose) for c in columns]

@@ -34,7 +34,7 @@ def bounded(value: float, sign: str, proven: bool = False) -> Cell:
 
 @dataclass(frozen=True)
 class _Figure:
-    """A row of the workspace's table; ``bound`` is what CSV says an extreme is."""
+    """A row of the workspace's table; ``bound`` is the kind of an extreme in CSV."""
 
     name: str
     value: Cell
@@ -67,7 +67,7 @@ def _figures(result: WorkspaceResult) -> list[_Figure]:
         found.append(own(f"share, {name}", region.share, ONE))
     if result.projection:
         # Counted on voxels: their errors are standard errors beside a grid's bounds too. Where
-        # poses are positions the volume is the workspace's own, and so is its error.
+        # poses are positions, volume and error are those of the workspace.
         volume, footprint = result.projection.volume, result.projection.footprint
         sign, bound = (">=", "lower") if result.projection.lower else ("", None)
         if volume.error != 0:  # positions on a plane have no volume, and nothing is said of it

@@ -1,4 +1,4 @@
-"""The commands that documents print: each is run as it stands, or it is said why not."""
+"""The commands that documents print: each is run as printed, or the reason why not is given."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def summary() -> str:
 
 @maker("measured-elsewhere")
 def sections() -> Iterator[Finding]:
-    """Check that what is said to be measured elsewhere is there, and what measures it."""
+    """Check that sections measured elsewhere exist, and the scripts that measure them."""
     for each in (*MEASURED, *STUDIES):
         lines = Page.read(each.page).text.split("\n")
         if each.section not in lines:

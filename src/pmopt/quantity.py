@@ -122,7 +122,7 @@ def uncertain(value: float, error: float, unit: str = ONE, bound: bool = False) 
         error 0 and six digits.
     unit : str
     bound : bool
-        The error is a bound, not a standard error; it is said behind the unit.
+        The error is a bound, not a standard error; the text says so behind the unit.
     """
     text = _with_error(value, error)
     text += "" if unit == ONE else f" {unit}"

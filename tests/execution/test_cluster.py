@@ -301,7 +301,7 @@ def test_an_item_that_kills_every_worker_is_given_up():
         Cluster(own.scheduler_address) as client,
     ):
         found = dict(client.completed(dies, [1], lambda: None))
-    assert str(found[0]) == "the workers that had it died, one after the other"
+    assert str(found[0]) == "the workers that ran it died, one after the other"
 
 
 def test_a_scheduler_that_goes_is_told():
@@ -343,7 +343,7 @@ def test_without_dask(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     result = here("workspace", MECH, "--scheduler", "tcp://a:1", cwd=tmp_path)
     assert error_line(result) == (
-        "error: --scheduler: Dask is not installed; pip install 'pmopt[cluster]' brings it"
+        "error: --scheduler: Dask is not installed; pip install 'pmopt[cluster]' installs it"
     )
 
 

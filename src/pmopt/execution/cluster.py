@@ -55,7 +55,7 @@ class Cluster:
             import distributed
         except ImportError:
             raise InputError(
-                "--scheduler: Dask is not installed; pip install 'pmopt[cluster]' brings it"
+                "--scheduler: Dask is not installed; pip install 'pmopt[cluster]' installs it"
             ) from None
         try:
             _, port = distributed.comm.get_address_host_port(address)
@@ -195,7 +195,7 @@ class Cluster:
         except PmoptError:
             raise
         except KilledWorker:
-            raise PmoptError("the workers that had it died, one after the other") from None
+            raise PmoptError("the workers that ran it died, one after the other") from None
         except CancelledError:
             raise SchedulerLost(f"the scheduler at {self.address} has gone") from None
         except Exception as error:

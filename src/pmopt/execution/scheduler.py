@@ -60,7 +60,7 @@ class Failure:
 
 
 def hush() -> None:
-    """Keep Dask's own lines from the user: what matters is said in one of ours."""
+    """Keep Dask's own lines from the user: pmopt reports what matters in a line of its own."""
     names = [*_LOGGERS, *logging.root.manager.loggerDict]
     for name in names:
         if name.split(".")[0] in _LOGGERS:

@@ -42,7 +42,7 @@ def odd_threads() -> str | None:
     given = os.environ.get("NUMBA_NUM_THREADS")
     if given is None or (given.isascii() and given.isdigit() and int(given) > 0):
         return None
-    return f"NUMBA_NUM_THREADS: {given!r} is not a whole number of at least 1: left aside"
+    return f"NUMBA_NUM_THREADS: {given!r} is not a whole number of at least 1: ignored"
 
 
 def ordered_map(

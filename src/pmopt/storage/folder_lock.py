@@ -95,7 +95,7 @@ class FolderLock:
             finally:
                 if handle >= 0:
                     os.close(handle)
-        raise PmoptError(f"{self.folder}: other commands begin and end there all the time")
+        raise PmoptError(f"{self.folder}: other commands keep starting and ending there")
 
     def _make(self) -> None:
         """Make the folder and remember which parts of its path are new."""

@@ -23,7 +23,7 @@ from pmopt.mechanisms.mechanism import (
 
 #: LCI of the homogenized Jacobian below which a pose counts as singular.
 SINGULAR = 1e-9
-#: A least LCI below this share of the motion's median is an approach worth a word.
+#: A least LCI below this share of the motion's median is an approach to report.
 _APPROACH = 0.2
 #: Efforts that grow by so much between the instants are reported.
 _GROWS = 1.01

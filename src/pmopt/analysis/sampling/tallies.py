@@ -102,4 +102,4 @@ def check_grid(cells: int, dimension: int) -> None:
     InputError
     """
     if cells**dimension >= 1 << 53:
-        raise InputError(f"grid: {cells} cells a axis in {dimension} dimensions are too many")
+        raise InputError(f"grid: {cells} cells an axis in {dimension} dimensions are too many")

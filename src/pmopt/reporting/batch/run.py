@@ -114,7 +114,7 @@ def shares(
 ) -> Share:
     """Return how runs are shared.
 
-    Where nothing is said: fewer runs than cores go one after the other, each on all of them.
+    By default: fewer runs than cores go one after the other, each on all of them.
 
     Raises
     ------

@@ -325,7 +325,7 @@ class DesignProblem:
             slack.append(self._existence(tallies))
         arrays = {}
         for at in OF_SUMS.values():
-            pairs = np.array([getattr(found, at) for found in measured])
+            pairs = np.array([tuple(getattr(found, at)) for found in measured])
             arrays[at], arrays[f"{at}_error"] = pairs.T
         columns = [np.concatenate(parts) for parts in zip(*slack, strict=True)]
         return PopulationEstimates(**arrays), columns

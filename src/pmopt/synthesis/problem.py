@@ -340,7 +340,7 @@ class DesignProblem:
             )
         )
         return {
-            name: np.array([getattr(p, field) for p in found], dtype=float)
+            name: np.array([tuple(getattr(p, field)) for p in found], dtype=float)
             for name, field in IN_SPACE.items()
         }
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import settings
 
 from pmopt.compiler import program_text, programs
-from pmopt.mechanisms import find, names
+from pmopt.mechanisms import assembling, find, names
 
 # Workers of xdist are given 80: tables would be narrower than off a terminal.
 os.environ.pop("COLUMNS", None)
@@ -42,6 +42,7 @@ def empty_cache(monkeypatch, tmp_path):
     monkeypatch.setattr(program_text, "_loaded", {})
     made = programs.assembling.__wrapped__
     monkeypatch.setattr(programs, "assembling", functools.cache(made))
+    monkeypatch.setattr(assembling, "_ready", set())
     return tmp_path
 
 

@@ -68,17 +68,8 @@ def scores_of(case, samples, sampler, seeds):
     name, params, settings = CASES[case]
     settings = {**settings, "sampler": sampler}
     wanted = np.array([tuple(q) for q in truth_of(case, 1 << 23).quantiles])
-    found = np.array(
-        [
-            [
-                *map(
-                    tuple,
-                    sampled(name, params, samples, seed, **settings, sampler=sampler).quantiles,
-                )
-            ]
-            for seed in range(seeds)
-        ]
-    )
+    runs = [sampled(name, params, samples, seed, **settings) for seed in range(seeds)]
+    found = np.array([[tuple(q) for q in run.quantiles] for run in runs])
     return (found[:, :, 0] - wanted[:, 0]) / found[:, :, 1]
 
 

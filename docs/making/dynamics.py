@@ -102,7 +102,7 @@ def gains() -> Iterator[Statement]:
     bound = 10.0 ** np.ceil(np.log10(max(paper.values())))
     yield Says(PAGE, "with feed-forward, ours stay below {} %", (f"{bound:g}",))
     hold = simulated("2pauu-ppap-pick-and-place", {}, feedforward=True, hold=0.01)
-    yield Says(PAGE, "change by more than half their peak in that time, has {} %",
+    yield Says(PAGE, "change by more than half their peak in that time, has an error of {} %",
                (rounded(max(hold.values()), ".0f", within=0.1),))  # fmt: skip
     lag = simulated("2uu-upu-t1", {}, feedforward=False, hold=0.001)
     yield Says(PAGE, "lags: {}, {} and {} % on `2uu-upu-t1`",

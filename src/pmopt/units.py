@@ -70,9 +70,5 @@ def exact(value: float) -> str:
 
 
 def span_text(ends: tuple[float, float], unit: str) -> str:
-    """Return a range in words, ``-0.1 .. 0.1 m``, to 15 digits.
-
-    A given number has all that it was given with, a computed one not what rounding added.
-    """
-    low, high = (f"{end + 0.0:.15g}" for end in ends)
-    return f"{low} .. {high} {unit}"
+    """Return a range as it was given, ``-0.1 .. 0.1 m``."""
+    return f"{exact(ends[0])} .. {exact(ends[1])} {unit}"

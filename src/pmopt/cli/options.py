@@ -215,10 +215,6 @@ threads_option = click.option(
     "--threads", type=click.IntRange(min=1, max=4096), callback=_say_odd_threads,
     help="Threads; the result does not depend on it. Default: $NUMBA_NUM_THREADS or all cores.",
 )  # fmt: skip
-box_budget_option = click.option(
-    "--box-budget", type=Count(), metavar="N",
-    help="Boxes examined after which a proof stops where it is: the same result on every machine.",
-)  # fmt: skip
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS",
     help="Dask scheduler to compute on, such as tcp://host:8786; the result does not depend on it.",

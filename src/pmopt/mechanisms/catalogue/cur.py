@@ -466,7 +466,6 @@ class Cur(Mechanism):
         return float(depth[inside].sum()) * math.radians(degrees) * math.radians(degrees)
 
 
-_Z = np.array([0.0, 0.0, 1.0])
 _AZIMUTHS = ((1.0, 0.0), (CUR_C2, CUR_S2), (CUR_C2, -CUR_S2))
 
 

@@ -9,6 +9,7 @@ from pydantic import Field
 from support.cli_runner import here
 
 from pmopt.analysis import settings
+from pmopt.cli.commands import COMMANDS as EVERY_COMMAND
 from pmopt.cli.fields import Sectioned, given_options, option_name, options_of
 from pmopt.cli.main import cli
 from pmopt.inputs.fields import LENGTH, Group, OnCommandLine, Unit
@@ -48,9 +49,17 @@ def test_help_is_by_groups_and_fits(name, width, tmp_path, monkeypatch):
     assert titles[-2:] == ["Run:", "Output:"]
     assert "Poses that count:" in titles
     assert "`" not in text
-    assert "\N{NON-BREAKING HYPHEN}" not in text
+    assert not any(line.rstrip().endswith((">=", ">", "<=", "<")) for line in text.splitlines())
     written = [line for line in text.splitlines() if "pmopt " not in line]
     assert all(len(line) <= max(int(width), 66) for line in written)
+
+
+@pytest.mark.parametrize("width", ["60", "80", "140"])
+def test_what_keeps_lines_together_is_gone_from_every_help(width, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", width)
+    for name in EVERY_COMMAND:
+        text = here(name, "--help", cwd=tmp_path).stdout
+        assert not {"\N{NON-BREAKING HYPHEN}", "\N{NO-BREAK SPACE}"} & set(text), name
 
 
 class Tried(settings.Settings):

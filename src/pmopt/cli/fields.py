@@ -38,8 +38,8 @@ _OTHERS = {
 }  # fmt: skip
 
 
-#: Stands for a hyphen until the lines of a help text are broken.
-_UNBROKEN = "\N{NON-BREAKING HYPHEN}"
+#: Stand for a hyphen and a space until the lines of a help text are broken.
+_UNBROKEN, _JOINED = "\N{NON-BREAKING HYPHEN}", "\N{NO-BREAK SPACE}"
 
 
 class FieldOption(click.Option):
@@ -62,8 +62,10 @@ class Sectioned(click.Command):
         for title in sorted(sections, key=lambda t: (t == RUN) + 2 * (t == OUTPUT)):
             with formatter.section(_TITLES.get(title, title)):
                 formatter.write_dl(sections[title])
-        # Lines are broken at hyphens, but not within the name of an option.
-        formatter.buffer = [text.replace(_UNBROKEN, "-") for text in formatter.buffer]
+        # Lines are broken at hyphens and spaces, but not within the name of an option or a range.
+        formatter.buffer = [
+            text.replace(_UNBROKEN, "-").replace(_JOINED, " ") for text in formatter.buffer
+        ]
 
 
 def options_of(
@@ -226,7 +228,7 @@ def _help(model: type[BaseModel], field: FieldInfo) -> str:
     if _shape(field) in ("ranges", "pairs"):
         notes.append("repeatable")
     return f"{text}{'' if text.endswith('.') else '.'}" + (
-        f"  [{'; '.join(notes)}]" if notes else ""
+        f"  [{'; '.join(note.replace(' ', _JOINED) for note in notes)}]" if notes else ""
     )
 
 

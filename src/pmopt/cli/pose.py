@@ -21,7 +21,7 @@ from pmopt.analysis.kinematics.jacobian import Index, JacobianResult, Jacobians
 from pmopt.analysis.kinematics.pose_rows import Rows, read_rows
 from pmopt.analysis.settings import WorkspaceSettings
 from pmopt.cli import options
-from pmopt.cli.fields import option_of, options_of
+from pmopt.cli.fields import Sectioned, option_of, options_of
 from pmopt.cli.output import emit, notifier
 from pmopt.errors import InputError, UnreachableError
 from pmopt.mechanisms import Mechanism
@@ -226,7 +226,7 @@ def fk_command(
     misses.settle()
 
 
-@click.command("jacobian")
+@click.command("jacobian", cls=Sectioned)
 @options.mechanism_argument
 @click.option("--pose", multiple=True, metavar="NAME=VALUE,..", help="The pose.")
 @click.option("--poses", type=options.Place(), metavar="FILE.csv", help="Many poses, a row each.")
